@@ -1,0 +1,35 @@
+"""Minimum-time path of an underwater vehicle through a shear current, to a disc around the origin."""
+
+from math import pi
+
+from casadi import cos, cosh, fabs, sin, tanh
+
+from socp.problem import Problem, Reference, controls, final_time, states
+
+x, y, phi, u = states("x y phi u")  # position, heading, speed
+r, f = controls("r f")  # turn rate, thrust
+
+problem = Problem(
+    name="auv",
+    minimise=final_time,
+    dynamics={
+        x: u * cos(phi) + 0.8 * tanh(y),
+        y: u * sin(phi),
+        phi: r,
+        u: f - u * fabs(u),
+    },
+    bounds={r: (-pi, pi), f: (-5, 5), u: (0, 2)},
+    start={x: 40, y: -2, phi: pi, u: 0},
+    end={phi: pi, u: 0},
+    target={"disc": x**2 + y**2 <= 0.05},
+    singular={r: -0.8 * cos(phi) ** 2 / cosh(y) ** 2},
+    boundary={f: {"u.upper": 4}},
+    title="AUV in a shear current, minimum time",
+    source="Foroozandeh, de Pinho, Shamsi, DCDS-B 24(5) 2019, doi:10.3934/dcdsb.2019092, with u >= 0",
+    reference=Reference(
+        objective=14.95016178215355,
+        switches=(0.0490521085926, 0.6456134114460, 14.6238176532765, 14.7241631681594),
+        word="r: + s s s +; f: + + b - -",
+        source="Pontryagin boundary value problem and LGR on two meshes, 12 digits",
+    ),
+)

@@ -1,0 +1,101 @@
+"""Methods: the one abstract class of the plugin contract, the solve that most of them share, and the run around each."""
+
+import abc
+import platform
+import time
+from collections.abc import Sequence
+from dataclasses import MISSING, Field, field, fields, replace
+from importlib import metadata
+from typing import Any, ClassVar
+
+from socp.collocate import Mesh, collocate
+from socp.errors import MethodError
+from socp.nlp import Backend, Watch, silent
+from socp.phases import PhasedProblem
+from socp.problem import Problem
+from socp.simulate import verify
+from socp.solution import Solution
+from socp.structure import structure
+
+
+class Method(abc.ABC):
+    """A way to solve problems; concrete methods are final frozen dataclasses whose fields, made by `option`, are their options.
+
+    `source` names the paper the method comes from.
+    """
+
+    name: ClassVar[str]
+    source: ClassVar[str]
+
+    @abc.abstractmethod
+    def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
+        """Solve from a guess. A solver that fails gives a Solution with its `stop`; MethodError is for what cannot be tried."""
+
+
+def option(default: Any, doc: str, *, least: float | None = None) -> Any:
+    """Declare an option of a method: its default, one line for the user, and the least value allowed."""
+    metadata_ = {"doc": doc, "least": least}
+    return field(default=default, metadata=metadata_)
+
+
+def options(method: type[Method]) -> tuple[Field[Any], ...]:
+    """Return the options of a method as dataclass fields."""
+    return fields(method)  # type: ignore[arg-type]
+
+
+def check_options(method: Method) -> None:
+    """Raise MethodError for an option below its least value."""
+    for each in options(type(method)):
+        least, value = each.metadata.get("least"), getattr(method, each.name)
+        if least is not None and value is not None and value < least:
+            raise MethodError(f"{method.name}: {each.name}={value}, but it must be at least {least}")
+
+
+def solve_collocated(phased: PhasedProblem, meshes: Sequence[Mesh], backend: Backend, guess: Solution, watch: Watch = silent) -> Solution:
+    """Transcribe a phased problem on one mesh a phase, solve it with a backend, and lift the point."""
+    began = time.perf_counter()
+    reduced = collocate(phased, meshes)
+    start = reduced.push(guess)
+    transcribed = time.perf_counter() - began
+    point = backend(reduced.problem, start, watch)
+    solution = reduced.lift(point)
+    return replace(solution, seconds={**point.seconds, "build": point.seconds.get("build", 0.0) + transcribed})
+
+
+def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
+    """Solve with a method, stamp the solution with its name, options and versions, and verify it by re-integration."""
+    check_options(method)
+    solution = method.solve(problem, guess, watch)
+    solution = replace(
+        solution, method=method.name, options=described(method), versions=versions(), structure=structure(problem, solution)
+    )
+    return replace(solution, verified=verify(problem, solution))
+
+
+def described(method: Method) -> dict[str, Any]:
+    """Return the options of a method as plain values, those of a backend under its name: `ipopt.tol`."""
+    found: dict[str, Any] = {}
+    for each in options(type(method)):
+        value = getattr(method, each.name)
+        if isinstance(value, (str, int, float, bool, type(None))):
+            found[each.name] = value
+        else:
+            name = type(value).__name__.lower()
+            found |= {each.name: name, **{f"{name}.{k}": v for k, v in getattr(value, "options", {}).items()}}
+    return found
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python, socp and what computes for it."""
+    found = {"python": platform.python_version()}
+    for name in ("socp", "casadi", "numpy", "scipy"):
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = "unknown"
+    return found
+
+
+def required(each: Field[Any]) -> bool:
+    """Tell whether an option has no default."""
+    return each.default is MISSING

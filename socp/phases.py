@@ -1,0 +1,60 @@
+"""Problems cut into phases: one control law on each, free lengths between the switching times."""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from socp import laws
+from socp.problem import Problem
+from socp.symbols import Expr, column
+from socp.word import Mode, Word
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Phase:
+    """One arc as it is transcribed.
+
+    `control` (nu, 1) is an expression of x, t, p and of `free` (nv, 1), the controls that are collocated within `box` (2, nv).
+    `entry` holds expressions of x, t, p that vanish where the arc begins; `kept` names the state constraints that the law
+    itself keeps from there on, which are therefore not imposed again on this arc (they would be dependent).
+    """
+
+    modes: tuple[Mode, ...]
+    control: Expr
+    free: Expr
+    box: np.ndarray
+    entry: tuple[Expr, ...] = ()
+    kept: frozenset[str] = frozenset()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PhasedProblem:
+    """A problem with the phases that its horizon is cut into."""
+
+    of: Problem
+    phases: tuple[Phase, ...]
+
+
+def single_phase(problem: Problem, phases: int = 1) -> PhasedProblem:
+    """Return the problem with all controls collocated, in one phase or in a given number of phases of free lengths."""
+    free = Word(problem.control_names, ((Mode("free"),) * len(problem.control_names),) * phases)
+    return follow(problem, free)
+
+
+def follow(problem: Problem, word: Word) -> PhasedProblem:
+    """Return the problem on the arcs of a word: bounds and laws in place of the controls, free lengths.
+
+    Raises MethodError where a law is asked for that the problem does not have.
+    """
+    return PhasedProblem(problem, tuple(_phase(problem, modes) for modes in word.arcs))
+
+
+def _phase(problem: Problem, modes: tuple[Mode, ...]) -> Phase:
+    law = laws.arc_law(problem, modes)
+    at = [i for i, mode in enumerate(modes) if mode.kind == "free"]
+    return Phase(
+        modes=modes, control=law.control, free=column(problem.u[i] for i in at), box=problem.box[:, at], entry=law.entry, kept=law.kept
+    )

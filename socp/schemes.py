@@ -1,0 +1,129 @@
+"""Collocation schemes as tables: nodes, A, B and weights of the defects A X - (h/2) B F = 0 on [-1, 1]."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Literal, final
+
+import numpy as np
+from scipy.special import roots_jacobi
+
+Side = Literal["left", "right", "both"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Scheme:
+    """A collocation scheme on one interval of length h, mapped to [-1, 1].
+
+    nodes (p,) with nodes[0] = -1 and nodes[-1] = 1; A (m, p) and B (m, p) give the m = p - 1 defects per state;
+    weights (p,) integrate over [-1, 1]; a node of weight zero carries no control. `order` is that of the global error.
+    """
+
+    name: str
+    nodes: np.ndarray
+    A: np.ndarray
+    B: np.ndarray
+    weights: np.ndarray
+    order: int
+
+    @property
+    def side(self) -> Side:
+        """Which end nodes are collocated."""
+        left, right = self.weights[0] > 0, self.weights[-1] > 0
+        return "both" if left and right else "left" if left else "right"
+
+
+def _scheme(name: str, nodes: list[float], A: list[list[float]], B: list[list[float]], weights: list[float], order: int) -> Scheme:
+    return Scheme(name, np.array(nodes), np.array(A), np.array(B), np.array(weights), order)
+
+
+@cache
+def euler() -> Scheme:
+    """Implicit Euler: x1 - x0 = h f1."""
+    return _scheme("implicit Euler", [-1, 1], [[-1, 1]], [[0, 2]], [0, 2], 1)
+
+
+@cache
+def trapezoid() -> Scheme:
+    """Trapezoid rule: x1 - x0 = h/2 (f0 + f1)."""
+    return _scheme("trapezoid", [-1, 1], [[-1, 1]], [[1, 1]], [1, 1], 2)
+
+
+@cache
+def hermite_simpson() -> Scheme:
+    """Hermite-Simpson, separated form (Betts, Practical Methods, 4.6): Lobatto IIIA with three points."""
+    return _scheme(
+        "Hermite-Simpson",
+        [-1, 0, 1],
+        [[-1 / 2, 1, -1 / 2], [-1, 0, 1]],
+        [[1 / 4, 0, -1 / 4], [1 / 3, 4 / 3, 1 / 3]],
+        [1 / 3, 4 / 3, 1 / 3],
+        4,
+    )
+
+
+@cache
+def lgr(points: int) -> Scheme:
+    """Legendre-Gauss-Radau with -1 collocated and +1 not (Garg et al., Automatica 46, 2010, section 3.3)."""
+    tau, weights = radau(points)
+    nodes = np.append(tau, 1.0)
+    B = np.hstack([np.eye(points), np.zeros((points, 1))])
+    return Scheme(f"LGR {points}", nodes, differentiation(nodes)[:-1], B, np.append(weights, 0.0), 2 * points - 1)
+
+
+@cache
+def radau_iia(points: int) -> Scheme:
+    """Radau IIA: the flipped LGR points, +1 collocated and -1 not (Hairer, Wanner, Solving ODEs II, IV.5)."""
+    tau, weights = radau(points)
+    nodes = np.append(-1.0, -tau[::-1])
+    B = np.hstack([np.zeros((points, 1)), np.eye(points)])
+    return Scheme(f"Radau IIA {points}", nodes, differentiation(nodes)[1:], B, np.append(0.0, weights[::-1]), 2 * points - 1)
+
+
+def radau(points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the LGR points (n,) on [-1, 1), roots of P_{n-1} + P_n, and their weights (n,)."""
+    if points < 1:
+        raise ValueError(f"LGR points: {points} where 1 or more are needed")
+    inner = roots_jacobi(points - 1, 0.0, 1.0)[0] if points > 1 else np.empty(0)
+    tau = np.append(-1.0, inner).astype(np.longdouble)  # the weights lose a digit or two to the recurrence: keep spare ones
+    for _ in range(2):  # Newton takes the last digits
+        value, slope = _radau_polynomial(points, tau[1:])
+        tau[1:] -= value / slope
+    weights = (1.0 - tau) / (points * _legendre(points, tau)[points - 1]) ** 2
+    weights[0] = np.longdouble(2.0) / points**2
+    return tau.astype(float), weights.astype(float)
+
+
+def differentiation(nodes: np.ndarray) -> np.ndarray:
+    """Return D (p, p), D_ij = l_j'(nodes_i), by barycentric weights (Berrut, Trefethen, SIAM Review 46, 2004, section 9.3)."""
+    weights = barycentric(nodes)
+    gaps = nodes[:, None] - nodes[None, :]
+    np.fill_diagonal(gaps, 1.0)
+    D = (weights[None, :] / weights[:, None]) / gaps
+    np.fill_diagonal(D, 0.0)
+    np.fill_diagonal(D, -D.sum(axis=1))  # rows of a differentiation matrix sum to zero
+    return D
+
+
+def barycentric(nodes: np.ndarray) -> np.ndarray:
+    """Return the barycentric weights (p,) of nodes (p,), scaled so that 60 nodes neither overflow nor underflow."""
+    gaps = 2.0 * (nodes[:, None] - nodes[None, :]) / max(float(np.ptp(nodes)), 1e-300)
+    np.fill_diagonal(gaps, 1.0)
+    weights: np.ndarray = 1.0 / gaps.prod(axis=1)
+    return weights / np.abs(weights).max()
+
+
+def _legendre(degree: int, tau: np.ndarray) -> np.ndarray:
+    """Return P_0 .. P_degree at tau, (degree + 1, n), by the three-term recurrence."""
+    P = np.ones((max(degree, 1) + 1, tau.size), dtype=tau.dtype)
+    P[1] = tau
+    for k in range(1, degree):
+        P[k + 1] = ((2 * k + 1) * tau * P[k] - k * P[k - 1]) / (k + 1)
+    return P
+
+
+def _radau_polynomial(points: int, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return P_{n-1} + P_n and its derivative at tau inside (-1, 1)."""
+    P = _legendre(points, tau)
+    derivative = [n * (P[n - 1] - tau * P[n]) / (1.0 - tau**2) if n else 0.0 * tau for n in (points - 1, points)]
+    return P[points - 1] + P[points], derivative[0] + derivative[1]

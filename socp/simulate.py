@@ -1,0 +1,218 @@
+"""Independent re-integration of a solution's control: does it really go where the solution says?"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import final
+
+import casadi
+import numpy as np
+from scipy.integrate import DOP853
+
+from socp import laws
+from socp.errors import MethodError
+from socp.problem import Problem
+from socp.solution import Arc, Feasibility, Solution, lagrange
+from socp.symbols import column, final_time, initial_time, time
+from socp.word import Mode
+
+RTOL = 1e-10  # of DOP853; what is compared with it is seldom better than 1e-9
+_LOOKS = 4  # points looked at in every integration step; DOP853's steps resolve the motion, so a peak hides little between them
+_DIVERGED = 1e6  # times the problem's own magnitude: the state has left for good
+_SHORT = 1e-2  # a piece this short against the horizon is tried in one step, which saves choosing the first one on fine grids
+
+Control = Callable[[float, np.ndarray], np.ndarray]  # (t, x (nx,)) -> u (nu,)
+
+
+def scales(problem: Problem, solution: Solution) -> np.ndarray:
+    """Return the magnitude of every state (nx,): the largest of its given bounds and ends and of its size on the solution."""
+    given = np.vstack([problem.state_box, problem.start_box, problem.end_box])
+    given = np.where(np.isfinite(given), np.abs(given), 0.0).max(axis=0)
+    magnitude: np.ndarray = np.maximum(given, np.nanmax(np.abs(solution.rows("x")), axis=1, initial=0.0))
+    return np.where(magnitude > 0, magnitude, 1.0)
+
+
+def verify(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
+    """Integrate the control as a function of time and, where every arc has a law in the state alone, as feedback too."""
+    as_time = [_time_pieces(arc) for arc in solution.arcs]
+    found = [_verify(problem, solution, as_time, feedback=False)]
+    if all(mode != "*" for arc in solution.arcs for mode in arc.modes):
+        p = _parameters(problem, solution)
+        try:
+            as_feedback = [[_Piece(float(arc.t[0]), float(arc.t[-1]), _feedback(problem, arc, p))] for arc in solution.arcs]
+        except MethodError:
+            return tuple(found)  # the word was read off a solution of a problem without such laws
+        found.append(_verify(problem, solution, as_feedback, feedback=True))
+    return tuple(found)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """A stretch of time on which the control is smooth; `constant` (nu,) is the control where it does not vary."""
+
+    start: float
+    end: float
+    control: Control
+    constant: np.ndarray | None = None
+
+
+def _time_pieces(arc: Arc) -> list[_Piece]:
+    found: list[_Piece] = []
+    for k in range(len(arc.mesh) - 1):
+        nodes = arc.nodes(k, "u")
+        start, end = float(arc.t[arc.mesh[k]]), float(arc.t[arc.mesh[k + 1]])
+        values, times = arc.u[:, nodes], arc.t[nodes]
+        if (values == values[:, :1]).all():
+            constant = values[:, 0]
+            last = found[-1].constant if found else None
+            if last is not None and (last == constant).all():
+                start = found.pop().start  # one integration over neighbours with one and the same control
+            found.append(_Piece(start, end, _hold(constant), constant))
+        else:
+            found.append(_Piece(start, end, _polynomial(times, values)))
+    return found
+
+
+def _hold(constant: np.ndarray) -> Control:
+    return lambda _t, _x: constant
+
+
+def _polynomial(times: np.ndarray, values: np.ndarray) -> Control:
+    return lambda t, _x: lagrange(times, values, np.array([t]))[:, 0]
+
+
+def _feedback(problem: Problem, arc: Arc, p: np.ndarray) -> Control:
+    law = laws.arc_law(problem, tuple(Mode.parse(mode) for mode in arc.modes)).control
+    function = casadi.Function("law", [problem.x, time, problem.p], [law])
+    evaluate = fast(function)
+    return lambda t, x: evaluate(x, t, p)
+
+
+def fast(function: casadi.Function) -> Callable[..., np.ndarray]:
+    """Return a function of numpy arrays for a casadi function of one output column, ten times as quick to call from Python."""
+    inputs = [np.zeros(max(function.numel_in(i), 1)) for i in range(function.n_in())]
+    output = np.zeros(max(function.numel_out(0), 1))
+    function = casadi.Function("dense", function.sx_in(), [casadi.densify(function(*function.sx_in()))])
+    buffer, trigger = function.buffer()
+    for i, each in enumerate(inputs):
+        buffer.set_arg(i, memoryview(each))
+    buffer.set_res(0, memoryview(output))
+
+    def call(*arguments: np.ndarray | float) -> np.ndarray:
+        for each, value in zip(inputs, arguments, strict=True):
+            if np.size(value):
+                each[:] = value
+        trigger()
+        return output.copy()
+
+    call.__dict__["keep"] = (function, buffer)  # the buffer must outlive the call
+    return call
+
+
+def _verify(problem: Problem, solution: Solution, pieces: list[list[_Piece]], *, feedback: bool) -> Feasibility:
+    scale, p = scales(problem, solution), _parameters(problem, solution)
+    log, error, drift = _Log(), "", 0.0
+    x = np.clip(solution.arcs[0].x[:, 0], *problem.start_box)
+    log.keep(solution.initial_time, x, pieces[0][0].control(solution.initial_time, x))
+    flow = fast(casadi.Function("flow", [problem.x, problem.u, time, problem.p], [problem.rate]))
+    horizon = solution.final_time - solution.initial_time
+    for arc, stretches in zip(solution.arcs, pieces, strict=True):
+        for piece in stretches:
+            x, error = _integrate(lambda t, x, c=piece.control: flow(x, c(t, x), t, p), piece, x, (scale, horizon), log)
+            if error:
+                break
+        if error:
+            break
+        drift = max(drift, float(np.max(np.abs(x - arc.x[:, -1]) / scale)))
+    miss, miss_at = _miss(problem, solution, x, scale)
+    path, path_at = _path(problem, log, p, scale)
+    box = _outside(np.hstack([np.array(log.u).T, *(arc.u for arc in solution.arcs)]), problem.box)
+    return Feasibility(miss=miss, miss_at=miss_at, path=path, path_at=path_at, box=box, drift=drift, feedback=feedback, error=error)
+
+
+@final
+@dataclass(frozen=True)
+class _Log:
+    """Points looked at along the way."""
+
+    t: list[float] = field(default_factory=list)
+    x: list[np.ndarray] = field(default_factory=list)
+    u: list[np.ndarray] = field(default_factory=list)
+
+    def keep(self, t: float, x: np.ndarray, u: np.ndarray) -> None:
+        self.t.append(t)
+        self.x.append(x)
+        self.u.append(u)
+
+
+def _integrate(
+    rate: Callable[[float, np.ndarray], np.ndarray], piece: _Piece, x: np.ndarray, size: tuple[np.ndarray, float], log: _Log
+) -> tuple[np.ndarray, str]:
+    """Integrate over one piece; returns the end state and, where it breaks down, the reason."""
+    scale, horizon = size
+    length = piece.end - piece.start
+    if length <= 0:
+        return x, ""
+    first = length if length < _SHORT * horizon else None
+    solver = DOP853(rate, piece.start, x, piece.end, rtol=RTOL, atol=RTOL * scale, first_step=first)
+    while solver.status == "running":
+        message = solver.step()
+        if solver.status == "failed" or not np.all(np.abs(solver.y) <= _DIVERGED * scale):
+            return solver.y, f"integration broke down at t = {solver.t:.6g}: {message or 'the state diverged'}"
+        for t, y in _looks(solver):
+            log.keep(t, y, piece.control(t, y))
+    return solver.y, ""
+
+
+def _looks(solver: DOP853) -> Iterator[tuple[float, np.ndarray]]:
+    if solver.n == 0:
+        return
+    dense = solver.dense_output()
+    for t in np.linspace(solver.t_old, solver.t, _LOOKS + 1)[1:]:
+        yield float(t), dense(t)
+
+
+def _parameters(problem: Problem, solution: Solution) -> np.ndarray:
+    return np.array([solution.parameters[name] for name in problem.parameter_names], dtype=float)
+
+
+def _outside(u: np.ndarray, box: np.ndarray) -> float:
+    """Return the worst excess of controls (nu, n) over their box, relative to its width."""
+    low, high = box[0][:, None], box[1][:, None]
+    return float(np.max(np.maximum(low - u, u - high) / (high - low), initial=0.0))
+
+
+def _miss(problem: Problem, solution: Solution, x: np.ndarray, scale: np.ndarray) -> tuple[float, str]:
+    """Return the worst relative violation of the end conditions by the end state x (nx,), and which condition it is."""
+    low, high = problem.end_box
+    excess = np.maximum(np.maximum(low - x, x - high), 0.0) / scale
+    found = dict(zip(problem.state_names, excess.tolist(), strict=True))
+    symbols = casadi.vertcat(problem.x, problem.x0, problem.p, initial_time, final_time)
+    values = np.concatenate([x, solution.arcs[0].x[:, 0], _parameters(problem, solution), [solution.initial_time, solution.final_time]])
+    sizes = np.concatenate([scale, scale, np.abs(values[2 * x.size :])])
+    for condition in problem.conditions:
+        function = casadi.Function("psi", [symbols], [condition.expression, casadi.jacobian(condition.expression, symbols)])
+        value, slope = (each.full().ravel() for each in function(values))
+        violation = abs(value[0]) if condition.equation else max(value[0], 0.0)
+        found[condition.name] = float(violation / (np.abs(slope) @ sizes or 1.0))
+    for name, at, (first, last) in (
+        ("initial time", solution.initial_time, problem.initial_time_box),
+        ("final time", solution.final_time, problem.final_time_box),
+    ):
+        found[name] = max(first - at, at - last, 0.0) / max(solution.final_time - solution.initial_time, 1e-300)
+    worst = max(found, key=lambda name: found[name] if found[name] == found[name] else np.inf)
+    return found[worst], worst
+
+
+def _path(problem: Problem, log: _Log, p: np.ndarray, scale: np.ndarray) -> tuple[float, str]:
+    """Return the worst relative violation of the state constraints at the points looked at, and which constraint it is."""
+    if not problem.constraints:
+        return 0.0, ""
+    stack = column(c.expression for c in problem.constraints)
+    slopes = casadi.mtimes(casadi.fabs(casadi.jacobian(stack, problem.x)), scale)
+    function = casadi.Function("c", [problem.x, time, problem.p], [stack, slopes])
+    values, sizes = (each.full() for each in function.map(len(log.t))(np.array(log.x).T, np.array(log.t)[None, :], np.repeat(p[:, None], len(log.t), axis=1)))
+    # a constraint's magnitude is how much it changes when every state changes by its own, at worst along the way
+    relative = values.max(axis=1) / np.where((largest := sizes.max(axis=1)) > 0, largest, 1.0)
+    worst = int(np.argmax(relative))
+    return max(float(relative[worst]), 0.0), problem.constraints[worst].name

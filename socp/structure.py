@@ -1,0 +1,96 @@
+"""Structure: read what kind of arc every control is on, and when it switches, off the values of a solution."""
+
+from itertools import groupby
+
+import casadi
+import numpy as np
+
+from socp import laws
+from socp.errors import MethodError
+from socp.problem import Constraint, Problem
+from socp.solution import Arc, Solution
+from socp.symbols import column, time
+
+Stretch = tuple[str, float, float]  # (mode as a word spells it, start, end)
+
+AT_BOUND = 1e-3  # of the width of a control's box: an interior point ends about 1e-6 of it inside, ringing passes this only in flight
+ACTIVE = 1e-4  # of the range of a state constraint's values on the solution: as near counts as on it
+
+
+def structure(problem: Problem, solution: Solution) -> dict[str, tuple[Stretch, ...]]:
+    """Return, for every control, its stretches in time; arcs that follow a law carry their own mode, other values are read.
+
+    A single interval between two stretches of different kinds holds the switch: it is placed where the integral of the
+    control over the interval is kept.
+    """
+    found = {}
+    for i, name in enumerate(problem.control_names):
+        stretches: list[Stretch] = []
+        for arc in solution.arcs:
+            law = arc.modes[i]
+            stretches += _read(problem, solution, arc, i) if law == "*" else [(law, float(arc.t[0]), float(arc.t[-1]))]
+        found[name] = _joined(stretches)
+    return found
+
+
+def acting(problem: Problem, control: int) -> list[Constraint]:
+    """Return the state constraints on which a control acts: those whose first controlled derivative holds it."""
+    found = []
+    for constraint in problem.constraints:
+        try:
+            _, derivative = laws.tower(problem, constraint)
+        except MethodError:
+            continue
+        if casadi.depends_on(derivative, problem.u[control]):
+            found.append(constraint)
+    return found
+
+
+def _read(problem: Problem, solution: Solution, arc: Arc, i: int) -> list[Stretch]:
+    """Return the stretches of control i on an arc whose control was free, one label an interval, then merged."""
+    low, high = problem.box[:, i]
+    ends = arc.t[arc.mesh]
+    mean = np.array([arc.u[i, arc.nodes(k, "u")].mean() for k in range(len(arc.mesh) - 1)])
+    spread = np.array([np.ptp(arc.u[i, arc.nodes(k, "u")]) for k in range(len(arc.mesh) - 1)])
+    near = AT_BOUND * (high - low)
+    labels = np.full(mean.size, "s", dtype=object)
+    for constraint in acting(problem, i):
+        labels[_active(problem, solution, arc, constraint)] = f"b[{constraint.name}]"
+    labels[(mean < low + near) & (spread < near)] = "-"
+    labels[(mean > high - near) & (spread < near)] = "+"
+    runs = [(str(label), [k for k, _ in group]) for label, group in groupby(enumerate(labels), key=lambda pair: pair[1])]
+    stretches: list[Stretch] = []
+    start = float(ends[0])
+    for place, (label, intervals) in enumerate(runs):
+        last = intervals[-1]
+        inner = 0 < place < len(runs) - 1
+        if inner and len(intervals) == 1 and {runs[place - 1][0], runs[place + 1][0]} != {label} and runs[place - 1][0] != runs[place + 1][0]:
+            before, after = mean[intervals[0] - 1], mean[last + 1]
+            share = np.clip((mean[last] - after) / (before - after), 0.0, 1.0) if before != after else 0.5
+            switch = float(ends[last] + share * (ends[last + 1] - ends[last]))
+            mode, begin, _ = stretches.pop()
+            stretches.append((mode, begin, switch))
+            start = switch
+            continue
+        stretches.append((label, start, float(ends[last + 1])))
+        start = float(ends[last + 1])
+    return stretches
+
+
+def _active(problem: Problem, solution: Solution, arc: Arc, constraint: Constraint) -> np.ndarray:
+    """Return a mask (intervals,) of the intervals all of whose nodes lie on a state constraint."""
+    p = column(solution.parameters[name] for name in problem.parameter_names)
+    function = casadi.Function("c", [problem.x, time], [casadi.substitute(constraint.expression, problem.p, p)])
+    values = function.map(arc.t.size)(arc.x, arc.t[None, :]).full().ravel()
+    near = values > -ACTIVE * max(float(np.ptp(values)), 1e-300)
+    return np.array([bool(near[a : b + 1].all()) for a, b in zip(arc.mesh[:-1], arc.mesh[1:], strict=True)])
+
+
+def _joined(stretches: list[Stretch]) -> tuple[Stretch, ...]:
+    joined: list[Stretch] = []
+    for mode, start, end in stretches:
+        if joined and joined[-1][0] == mode:
+            joined[-1] = (mode, joined[-1][1], end)
+        elif end > start:
+            joined.append((mode, start, end))
+    return tuple(joined)
