@@ -25,15 +25,15 @@ class LgrMultiphase(Method):
     word: str = option("", "arcs by control, such as 'r: + s s s +; f: + + b - -'")
     lengths: str = option("", "rough arc lengths as a guess, such as '0.05 0.6 14 0.1 0.2'; equal where not given")
     phases: int = option(3, "number of phases where there is no word", least=1)
-    points: int = option(0, "collocation points an interval; 0 means 40 without a word, 8 with one", least=0)
+    points: int = option(0, "collocation points an interval; 0 means 40 without a word, 10 with one", least=0)
     intervals: int = option(0, "intervals an arc; 0 means one without a word, as many as the tolerance needs with one", least=0)
-    tolerance: float = option(1e-11, "error of the states on an arc, relative, that ends the refinement of its mesh", least=1e-15)
-    backend: Backend = option(Ipopt(), "solver of the nonlinear programme")
+    tolerance: float = option(1e-7, "size of the states' last Legendre coefficients, relative, that ends refinement", least=1e-15)
+    backend: Backend = option(Ipopt({"tol": 1e-11}), "solver of the nonlinear programme")
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
         """Solve on phases of free lengths; along a word the meshes of long arcs are refined until the states have converged."""
         phased = follow(problem, Word.parse(self.word, problem.control_names)) if self.word else single_phase(problem, self.phases)
-        points = self.points or (8 if self.word else 40)
+        points = self.points or (10 if self.word else 40)
         meshes = [uniform(lgr(points), self.intervals or 1)] * len(phased.phases)
         solution = solve_collocated(phased, meshes, self.backend, self._cut(guess, len(meshes)), watch)
         for _ in range(_PASSES if self.word and not self.intervals else 0):

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from socp.backends import Ipopt as Ipopt
+    from socp.chain import judge as judge
+    from socp.chain import run as run
     from socp.collocate import collocate as collocate
     from socp.collocate import uniform as uniform
     from socp.errors import MethodError as MethodError
@@ -18,7 +20,6 @@ if TYPE_CHECKING:
     from socp.hookspecs import hookimpl as hookimpl
     from socp.method import Method as Method
     from socp.method import option as option
-    from socp.method import run as run
     from socp.method import solve_collocated as solve_collocated
     from socp.nlp import Backend as Backend
     from socp.nlp import Watch as Watch
@@ -40,11 +41,12 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "backends": ["Ipopt"],
+    "chain": ["judge", "run"],
     "collocate": ["collocate", "uniform"],
     "errors": ["MethodError", "ProblemError", "SocpError", "SolveError"],
     "guess": ["default_guess"],
     "hookspecs": ["hookimpl"],
-    "method": ["Method", "option", "run", "solve_collocated"],
+    "method": ["Method", "option", "solve_collocated"],
     "nlp": ["Backend", "Watch", "silent"],
     "phases": ["follow", "single_phase"],
     "problem": ["Problem", "Reference", "controls", "final_time", "free", "initial", "initial_time", "parameters", "states", "time"],

@@ -95,7 +95,7 @@ def _ends(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     box = problem.state_box
     ends = []
     for own, other in ((problem.start_box, problem.end_box), (problem.end_box, problem.start_box)):
-        middle = np.where(np.isfinite(other).all(axis=0), np.nan_to_num(other.mean(axis=0), posinf=0.0, neginf=0.0), 0.0)
+        middle = np.where(np.isfinite(other).all(axis=0), np.nan_to_num(other, posinf=0.0, neginf=0.0).mean(axis=0), 0.0)
         ends.append(np.clip(np.clip(middle, *own), *box))
     return ends[0], _reach(problem, *ends)
 

@@ -1,4 +1,7 @@
-"""What a plugin may provide; pluggy calls these by name."""
+"""What a plugin may provide; pluggy calls these by name.
+
+Problems need no hook: they are entries of the group `socp.problems`, so that they can be listed without being imported.
+"""
 
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
@@ -17,11 +20,6 @@ hookimpl = pluggy.HookimplMarker("socp")
 @hookspec
 def socp_methods() -> "Iterable[type[Method]]":  # type: ignore[empty-body]
     """Return the methods that a plugin adds."""
-
-
-@hookspec
-def socp_problems() -> "Iterable[Problem]":  # type: ignore[empty-body]
-    """Return problems that a plugin adds beside those of the entry-point group `socp.problems`."""
 
 
 @hookspec

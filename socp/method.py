@@ -1,11 +1,9 @@
-"""Methods: the one abstract class of the plugin contract, the solve that most of them share, and the run around each."""
+"""Methods: the one abstract class of the plugin contract, its options, and the solve that most methods share."""
 
 import abc
-import platform
 import time
 from collections.abc import Sequence
 from dataclasses import MISSING, Field, field, fields, replace
-from importlib import metadata
 from typing import Any, ClassVar
 
 from socp.collocate import Mesh, collocate
@@ -13,9 +11,7 @@ from socp.errors import MethodError
 from socp.nlp import Backend, Watch, silent
 from socp.phases import PhasedProblem
 from socp.problem import Problem
-from socp.simulate import verify
 from socp.solution import Solution
-from socp.structure import structure
 
 
 class Method(abc.ABC):
@@ -60,40 +56,6 @@ def solve_collocated(phased: PhasedProblem, meshes: Sequence[Mesh], backend: Bac
     point = backend(reduced.problem, start, watch)
     solution = reduced.lift(point)
     return replace(solution, seconds={**point.seconds, "build": point.seconds.get("build", 0.0) + transcribed})
-
-
-def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
-    """Solve with a method, stamp the solution with its name, options and versions, and verify it by re-integration."""
-    check_options(method)
-    solution = method.solve(problem, guess, watch)
-    solution = replace(
-        solution, method=method.name, options=described(method), versions=versions(), structure=structure(problem, solution)
-    )
-    return replace(solution, verified=verify(problem, solution))
-
-
-def described(method: Method) -> dict[str, Any]:
-    """Return the options of a method as plain values, those of a backend under its name: `ipopt.tol`."""
-    found: dict[str, Any] = {}
-    for each in options(type(method)):
-        value = getattr(method, each.name)
-        if isinstance(value, (str, int, float, bool, type(None))):
-            found[each.name] = value
-        else:
-            name = type(value).__name__.lower()
-            found |= {each.name: name, **{f"{name}.{k}": v for k, v in getattr(value, "options", {}).items()}}
-    return found
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of Python, socp and what computes for it."""
-    found = {"python": platform.python_version()}
-    for name in ("socp", "casadi", "numpy", "scipy"):
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = "unknown"
-    return found
 
 
 def required(each: Field[Any]) -> bool:

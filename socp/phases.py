@@ -16,9 +16,9 @@ from socp.word import Mode, Word
 class Phase:
     """One arc as it is transcribed.
 
-    `control` (nu, 1) is an expression of x, t, p and of `free` (nv, 1), the controls that are collocated within `box` (2, nv).
-    `entry` holds expressions of x, t, p that vanish where the arc begins; `kept` names the state constraints that the law
-    itself keeps from there on, which are therefore not imposed again on this arc (they would be dependent).
+    `control` (nu, 1) is an expression of x, t, p and of `free` (nv, 1), the controls that are collocated within `box`
+    (2, nv). `entry` holds expressions of x, t, p that vanish where the arc begins; `kept` names the state constraints
+    that the law itself keeps from there on: imposed again on this arc, they would be dependent.
     """
 
     modes: tuple[Mode, ...]
@@ -27,6 +27,7 @@ class Phase:
     box: np.ndarray
     entry: tuple[Expr, ...] = ()
     kept: frozenset[str] = frozenset()
+    length: tuple[float, float] = (0.0, np.inf)
 
 
 @final
@@ -49,12 +50,18 @@ def follow(problem: Problem, word: Word) -> PhasedProblem:
 
     Raises MethodError where a law is asked for that the problem does not have.
     """
-    return PhasedProblem(problem, tuple(_phase(problem, modes) for modes in word.arcs))
+    phases: list[Phase] = []
+    for modes in word.arcs:
+        phases.append(_phase(problem, modes, phases[-1].kept if phases else frozenset()))
+    return PhasedProblem(problem, tuple(phases))
 
 
-def _phase(problem: Problem, modes: tuple[Mode, ...]) -> Phase:
+def _phase(problem: Problem, modes: tuple[Mode, ...], kept: frozenset[str]) -> Phase:
+    """Return the phase of one arc; what the arc before it has `kept` holds at its entry already."""
     law = laws.arc_law(problem, modes)
     at = [i for i, mode in enumerate(modes) if mode.kind == "free"]
+    new = [constraint for constraint in problem.constraints if constraint.name in law.kept - kept]
     return Phase(
-        modes=modes, control=law.control, free=column(problem.u[i] for i in at), box=problem.box[:, at], entry=law.entry, kept=law.kept
-    )
+        modes=modes, control=law.control, free=column(problem.u[i] for i in at), box=problem.box[:, at],
+        entry=tuple(e for constraint in new for e in laws.tower(problem, constraint)[0]), kept=law.kept,
+    )  # fmt: skip

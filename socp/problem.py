@@ -3,12 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, final
 
 import casadi
 import numpy as np
 
 from socp import checks
+from socp.ranges import interval
 from socp.symbols import (
     Expr,
     column,
@@ -25,8 +27,8 @@ from socp.symbols import (
 )
 
 __all__ = [
-    "Condition", "Constraint", "Expr", "Problem", "Reference", "controls", "final_time", "free", "initial", "initial_time",
-    "parameters", "states", "time",
+    "Condition", "Constraint", "Expr", "Problem", "Reference", "controls", "final_time", "free", "initial",
+    "initial_time", "parameters", "states", "time",
 ]  # fmt: skip
 
 
@@ -70,27 +72,29 @@ class Problem:
     subject to  x' = dynamics(x, u, t, p),  bounds on controls and states,  path c(x, t, p) <= 0,
     start, end and target conditions.
 
-    A number in `start`, `end`, `initial_time` or `final_time` fixes the value, a pair is an interval, and what is left out is
-    free. In `minimise` and `target` a state stands for its value at the final time, `initial(x)` for that at the initial time.
-    `singular` and `boundary` give feedback laws by control (`boundary` by state constraint too, where several act on one
-    control: `{f: {"u.upper": 4}}`). `guess` gives a number, a (start, end) pair or an expression of `time` by symbol.
+    A number in `start`, `end`, `initial_time` or `final_time` fixes the value, a pair is an interval, and what is left
+    out is free. In `minimise` and `target` a state stands for its value at the final time, `initial(x)` for that at the
+    initial time. `singular` and `boundary` give feedback laws by control (`boundary` by state constraint too, where
+    several act on one control: `{f: {"u.upper": 4}}`). `guess` gives a number, a (start, end) pair or an expression of
+    `time` by symbol; of a parameter, `initial_time` or `final_time` it gives a number.
 
-    Raises ProblemError, with the offending name, for anything that is not such a problem.
+    Raises ProblemError, with the offending name, for anything that is not such a problem. The tables are copied: what
+    happens to the given ones later changes nothing.
     """
 
     name: str
     dynamics: Mapping[Expr, Expr]
-    bounds: Mapping[Expr, tuple[float, float]]
+    bounds: Mapping[Expr, tuple[float | None, float | None]]
     minimise: Expr = None
     running: Expr = None
-    start: Mapping[Expr, float | tuple[float, float]] = field(default_factory=dict)
-    end: Mapping[Expr, float | tuple[float, float]] = field(default_factory=dict)
+    start: Mapping[Expr, float | tuple[float | None, float | None]] = field(default_factory=dict)
+    end: Mapping[Expr, float | tuple[float | None, float | None]] = field(default_factory=dict)
     target: Mapping[str, Expr] = field(default_factory=dict)
     path: Mapping[str, Expr] = field(default_factory=dict)
     singular: Mapping[Expr, Expr] = field(default_factory=dict)
     boundary: Mapping[Expr, Any] = field(default_factory=dict)
-    initial_time: float | tuple[float, float] = 0.0
-    final_time: float | tuple[float, float] = free
+    initial_time: float | tuple[float | None, float | None] = 0.0
+    final_time: float | tuple[float | None, float | None] = free
     guess: Mapping[Expr, Any] = field(default_factory=dict)
     units: Mapping[Expr, str] = field(default_factory=dict)
     title: str = ""
@@ -99,6 +103,8 @@ class Problem:
 
     def __post_init__(self) -> None:
         checks.validate(self)
+        for table in checks.TABLES:
+            object.__setattr__(self, table, MappingProxyType(dict(getattr(self, table))))
 
     def __repr__(self) -> str:
         return f"Problem({self.name!r}: states {', '.join(self.state_names)}; controls {', '.join(self.control_names)})"
@@ -213,12 +219,12 @@ class Problem:
     @cached_property
     def initial_time_box(self) -> tuple[float, float]:
         """Interval of the initial time."""
-        return checks.interval(self.initial_time)
+        return interval(self.initial_time)
 
     @cached_property
     def final_time_box(self) -> tuple[float, float]:
         """Interval of the final time."""
-        return checks.interval(self.final_time)
+        return interval(self.final_time)
 
     @cached_property
     def constraints(self) -> tuple[Constraint, ...]:
@@ -240,5 +246,5 @@ class Problem:
 
     @staticmethod
     def _rows(symbols: Expr, given: Mapping[Expr, Any]) -> np.ndarray:
-        pairs = [checks.interval(given.get(symbol, free)) for symbol in casadi.vertsplit(symbols)] if symbols.numel() else []
-        return np.array(pairs, dtype=float).reshape(-1, 2).T
+        parts = casadi.vertsplit(symbols) if symbols.numel() else []
+        return np.array([interval(given.get(part, free)) for part in parts], dtype=float).reshape(-1, 2).T

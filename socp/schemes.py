@@ -33,7 +33,10 @@ class Scheme:
         return "both" if left and right else "left" if left else "right"
 
 
-def _scheme(name: str, nodes: list[float], A: list[list[float]], B: list[list[float]], weights: list[float], order: int) -> Scheme:
+Row = list[float]
+
+
+def _scheme(name: str, nodes: Row, A: list[Row], B: list[Row], weights: Row, order: int) -> Scheme:
     return Scheme(name, np.array(nodes), np.array(A), np.array(B), np.array(weights), order)
 
 
@@ -77,7 +80,8 @@ def radau_iia(points: int) -> Scheme:
     tau, weights = radau(points)
     nodes = np.append(-1.0, -tau[::-1])
     B = np.hstack([np.zeros((points, 1)), np.eye(points)])
-    return Scheme(f"Radau IIA {points}", nodes, differentiation(nodes)[1:], B, np.append(0.0, weights[::-1]), 2 * points - 1)
+    A, weights = differentiation(nodes)[1:], np.append(0.0, weights[::-1])
+    return Scheme(f"Radau IIA {points}", nodes, A, B, weights, 2 * points - 1)
 
 
 def radau(points: int) -> tuple[np.ndarray, np.ndarray]:
@@ -85,7 +89,8 @@ def radau(points: int) -> tuple[np.ndarray, np.ndarray]:
     if points < 1:
         raise ValueError(f"LGR points: {points} where 1 or more are needed")
     inner = roots_jacobi(points - 1, 0.0, 1.0)[0] if points > 1 else np.empty(0)
-    tau = np.append(-1.0, inner).astype(np.longdouble)  # the weights lose a digit or two to the recurrence: keep spare ones
+    # the weights lose a digit or two to the recurrence: keep spare ones
+    tau = np.append(-1.0, inner).astype(np.longdouble)
     for _ in range(2):  # Newton takes the last digits
         value, slope = _radau_polynomial(points, tau[1:])
         tau[1:] -= value / slope
@@ -95,22 +100,23 @@ def radau(points: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def differentiation(nodes: np.ndarray) -> np.ndarray:
-    """Return D (p, p), D_ij = l_j'(nodes_i), by barycentric weights (Berrut, Trefethen, SIAM Review 46, 2004, section 9.3)."""
+    """Return D (p, p), D_ij = l_j'(nodes_i), by barycentric weights (Berrut, Trefethen, SIAM Review 46, 2004, 9.3)."""
     weights = barycentric(nodes)
     gaps = nodes[:, None] - nodes[None, :]
     np.fill_diagonal(gaps, 1.0)
-    D = (weights[None, :] / weights[:, None]) / gaps
+    D: np.ndarray = (weights[None, :] / weights[:, None]) / gaps
     np.fill_diagonal(D, 0.0)
     np.fill_diagonal(D, -D.sum(axis=1))  # rows of a differentiation matrix sum to zero
     return D
 
 
 def barycentric(nodes: np.ndarray) -> np.ndarray:
-    """Return the barycentric weights (p,) of nodes (p,), scaled so that 60 nodes neither overflow nor underflow."""
+    """Return the barycentric weights (p,) of nodes (p,), scaled so that 60 nodes neither over- nor underflow."""
     gaps = 2.0 * (nodes[:, None] - nodes[None, :]) / max(float(np.ptp(nodes)), 1e-300)
     np.fill_diagonal(gaps, 1.0)
-    weights: np.ndarray = 1.0 / gaps.prod(axis=1)
-    return weights / np.abs(weights).max()
+    raw = 1.0 / gaps.prod(axis=1)
+    weights: np.ndarray = raw / np.abs(raw).max()
+    return weights
 
 
 def _legendre(degree: int, tau: np.ndarray) -> np.ndarray:

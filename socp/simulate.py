@@ -1,7 +1,8 @@
-"""Independent re-integration of a solution's control: does it really go where the solution says?"""
+"""Independent re-integration of a solution's control: where it really goes, against where the solution says."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import final
 
 import casadi
@@ -16,15 +17,15 @@ from socp.symbols import column, final_time, initial_time, time
 from socp.word import Mode
 
 RTOL = 1e-10  # of DOP853; what is compared with it is seldom better than 1e-9
-_LOOKS = 4  # points looked at in every integration step; DOP853's steps resolve the motion, so a peak hides little between them
+_LOOKS = 4  # points looked at in every step; DOP853's steps resolve the motion, so a peak hides little between them
 _DIVERGED = 1e6  # times the problem's own magnitude: the state has left for good
-_SHORT = 1e-2  # a piece this short against the horizon is tried in one step, which saves choosing the first one on fine grids
+_SHORT = 1e-2  # a piece this short against the horizon is tried in one step: no time goes into choosing the first
 
 Control = Callable[[float, np.ndarray], np.ndarray]  # (t, x (nx,)) -> u (nu,)
 
 
 def scales(problem: Problem, solution: Solution) -> np.ndarray:
-    """Return the magnitude of every state (nx,): the largest of its given bounds and ends and of its size on the solution."""
+    """Return the magnitude of every state (nx,): the largest of its bounds, its ends and its size on the solution."""
     given = np.vstack([problem.state_box, problem.start_box, problem.end_box])
     given = np.where(np.isfinite(given), np.abs(given), 0.0).max(axis=0)
     magnitude: np.ndarray = np.maximum(given, np.nanmax(np.abs(solution.rows("x")), axis=1, initial=0.0))
@@ -32,13 +33,15 @@ def scales(problem: Problem, solution: Solution) -> np.ndarray:
 
 
 def verify(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
-    """Integrate the control as a function of time and, where every arc has a law in the state alone, as feedback too."""
+    """Integrate the control as a function of time and, where every arc has a law of the state, as feedback too."""
     as_time = [_time_pieces(arc) for arc in solution.arcs]
     found = [_verify(problem, solution, as_time, feedback=False)]
     if all(mode != "*" for arc in solution.arcs for mode in arc.modes):
         p = _parameters(problem, solution)
         try:
-            as_feedback = [[_Piece(float(arc.t[0]), float(arc.t[-1]), _feedback(problem, arc, p))] for arc in solution.arcs]
+            ends = [(float(arc.t[0]), float(arc.t[-1])) for arc in solution.arcs]
+            laws_ = [_feedback(problem, arc, p) for arc in solution.arcs]
+            as_feedback = [[_Piece(*span, law)] for span, law in zip(ends, laws_, strict=True)]
         except MethodError:
             return tuple(found)  # the word was read off a solution of a problem without such laws
         found.append(_verify(problem, solution, as_feedback, feedback=True))
@@ -89,14 +92,14 @@ def _feedback(problem: Problem, arc: Arc, p: np.ndarray) -> Control:
 
 
 def fast(function: casadi.Function) -> Callable[..., np.ndarray]:
-    """Return a function of numpy arrays for a casadi function of one output column, ten times as quick to call from Python."""
+    """Return a function of numpy arrays for a casadi function of one output column, ten times as quick to call."""
     inputs = [np.zeros(max(function.numel_in(i), 1)) for i in range(function.n_in())]
     output = np.zeros(max(function.numel_out(0), 1))
     function = casadi.Function("dense", function.sx_in(), [casadi.densify(function(*function.sx_in()))])
     buffer, trigger = function.buffer()
     for i, each in enumerate(inputs):
-        buffer.set_arg(i, memoryview(each))
-    buffer.set_res(0, memoryview(output))
+        buffer.set_arg(i, each.data)
+    buffer.set_res(0, output.data)
 
     def call(*arguments: np.ndarray | float) -> np.ndarray:
         for each, value in zip(inputs, arguments, strict=True):
@@ -118,7 +121,7 @@ def _verify(problem: Problem, solution: Solution, pieces: list[list[_Piece]], *,
     horizon = solution.final_time - solution.initial_time
     for arc, stretches in zip(solution.arcs, pieces, strict=True):
         for piece in stretches:
-            x, error = _integrate(lambda t, x, c=piece.control: flow(x, c(t, x), t, p), piece, x, (scale, horizon), log)
+            x, error = _integrate(partial(_rate, flow, piece.control, p), piece, x, (scale, horizon), log)
             if error:
                 break
         if error:
@@ -127,7 +130,13 @@ def _verify(problem: Problem, solution: Solution, pieces: list[list[_Piece]], *,
     miss, miss_at = _miss(problem, solution, x, scale)
     path, path_at = _path(problem, log, p, scale)
     box = _outside(np.hstack([np.array(log.u).T, *(arc.u for arc in solution.arcs)]), problem.box)
-    return Feasibility(miss=miss, miss_at=miss_at, path=path, path_at=path_at, box=box, drift=drift, feedback=feedback, error=error)
+    return Feasibility(
+        miss=miss, miss_at=miss_at, path=path, path_at=path_at, box=box, drift=drift, feedback=feedback, error=error
+    )  # fmt: skip
+
+
+def _rate(flow: Callable[..., np.ndarray], control: Control, p: np.ndarray, t: float, x: np.ndarray) -> np.ndarray:
+    return flow(x, control(t, x), t, p)
 
 
 @final
@@ -146,8 +155,8 @@ class _Log:
 
 
 def _integrate(
-    rate: Callable[[float, np.ndarray], np.ndarray], piece: _Piece, x: np.ndarray, size: tuple[np.ndarray, float], log: _Log
-) -> tuple[np.ndarray, str]:
+    rate: Control, piece: _Piece, x: np.ndarray, size: tuple[np.ndarray, float], log: _Log
+) -> tuple[np.ndarray, str]:  # fmt: skip
     """Integrate over one piece; returns the end state and, where it breaks down, the reason."""
     scale, horizon = size
     length = piece.end - piece.start
@@ -188,10 +197,12 @@ def _miss(problem: Problem, solution: Solution, x: np.ndarray, scale: np.ndarray
     excess = np.maximum(np.maximum(low - x, x - high), 0.0) / scale
     found = dict(zip(problem.state_names, excess.tolist(), strict=True))
     symbols = casadi.vertcat(problem.x, problem.x0, problem.p, initial_time, final_time)
-    values = np.concatenate([x, solution.arcs[0].x[:, 0], _parameters(problem, solution), [solution.initial_time, solution.final_time]])
+    times = [solution.initial_time, solution.final_time]
+    values = np.concatenate([x, solution.arcs[0].x[:, 0], _parameters(problem, solution), times])
     sizes = np.concatenate([scale, scale, np.abs(values[2 * x.size :])])
     for condition in problem.conditions:
-        function = casadi.Function("psi", [symbols], [condition.expression, casadi.jacobian(condition.expression, symbols)])
+        psi = condition.expression
+        function = casadi.Function("psi", [symbols], [psi, casadi.jacobian(psi, symbols)])
         value, slope = (each.full().ravel() for each in function(values))
         violation = abs(value[0]) if condition.equation else max(value[0], 0.0)
         found[condition.name] = float(violation / (np.abs(slope) @ sizes or 1.0))
@@ -200,18 +211,19 @@ def _miss(problem: Problem, solution: Solution, x: np.ndarray, scale: np.ndarray
         ("final time", solution.final_time, problem.final_time_box),
     ):
         found[name] = max(first - at, at - last, 0.0) / max(solution.final_time - solution.initial_time, 1e-300)
-    worst = max(found, key=lambda name: found[name] if found[name] == found[name] else np.inf)
+    worst = max(found, key=lambda name: np.inf if np.isnan(found[name]) else found[name])
     return found[worst], worst
 
 
 def _path(problem: Problem, log: _Log, p: np.ndarray, scale: np.ndarray) -> tuple[float, str]:
-    """Return the worst relative violation of the state constraints at the points looked at, and which constraint it is."""
+    """Return the worst relative violation of the state constraints at the points looked at, and which it is."""
     if not problem.constraints:
         return 0.0, ""
     stack = column(c.expression for c in problem.constraints)
     slopes = casadi.mtimes(casadi.fabs(casadi.jacobian(stack, problem.x)), scale)
     function = casadi.Function("c", [problem.x, time, problem.p], [stack, slopes])
-    values, sizes = (each.full() for each in function.map(len(log.t))(np.array(log.x).T, np.array(log.t)[None, :], np.repeat(p[:, None], len(log.t), axis=1)))
+    given = np.array(log.x).T, np.array(log.t)[None, :], np.repeat(p[:, None], len(log.t), axis=1)
+    values, sizes = (each.full() for each in function.map(len(log.t))(*given))
     # a constraint's magnitude is how much it changes when every state changes by its own, at worst along the way
     relative = values.max(axis=1) / np.where((largest := sizes.max(axis=1)) > 0, largest, 1.0)
     worst = int(np.argmax(relative))

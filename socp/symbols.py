@@ -5,12 +5,15 @@ from functools import cache
 from typing import Any, Literal
 
 import casadi
+import numpy as np
 
 from socp.errors import ProblemError
 
 Expr = Any  # a casadi.SX expression, or a number where one will do; casadi carries no types
 Role = Literal["state", "control", "parameter"]
 
+_RELATIONS = (casadi.OP_LE, casadi.OP_LT, casadi.OP_EQ)
+_TIMES = {"t": "time", "t0": "initial_time", "tf": "final_time"}
 _ROLES: dict[Expr, Role] = {}  # keeps every declared symbol alive, so that no other can take its hash
 
 time: Expr = casadi.SX.sym("t")
@@ -20,7 +23,10 @@ free: tuple[float, float] = (-math.inf, math.inf)
 
 
 def states(names: str) -> Any:
-    """Declare states by name, `x, y = states("x y")`; one name gives one symbol."""
+    """Declare states by name, such as `x, y` by "x y"; one name gives one symbol.
+
+    Raises ProblemError for what is no name, a name given twice, and the names of time: t, t0, tf.
+    """
     return _declare(names, "state")
 
 
@@ -34,17 +40,29 @@ def parameters(names: str) -> Any:
     return _declare(names, "parameter")
 
 
-@cache
 def initial(state: Expr) -> Expr:
-    """Return the value of a state at the initial time, for use in end conditions and the Mayer term."""
-    if _ROLES.get(state) != "state":
+    """Return the value of a state at the initial time, for use in end conditions and the Mayer term.
+
+    Raises ProblemError for anything but a declared state.
+    """
+    if role(state) != "state":
         raise ProblemError(f"initial({state}): only a declared state has an initial value")
+    return _initial(state)
+
+
+@cache
+def _initial(state: Expr) -> Expr:
     return casadi.SX.sym(f"{state.name()}(t0)")
 
 
 def role(symbol: Expr) -> Role | None:
     """Return what a symbol was declared as, None if it was not declared here."""
-    return _ROLES.get(symbol) if isinstance(symbol, casadi.SX) and symbol.is_symbolic() else None
+    return _ROLES.get(symbol) if is_symbol(symbol) else None
+
+
+def is_symbol(expression: Any) -> bool:
+    """Tell whether something is one casadi SX symbol, which can be a key of a table."""
+    return isinstance(expression, casadi.SX) and bool(expression.is_scalar()) and bool(expression.is_symbolic())
 
 
 def declared(kind: Role) -> list[Expr]:
@@ -62,23 +80,32 @@ def relation(expression: Expr, where: str) -> tuple[Expr, bool]:
 
     Raises ProblemError, starting with `where`, for anything else; a strict < is read as <=.
     """
-    if not isinstance(expression, casadi.SX):
-        raise ProblemError(f"{where}: {expression!r} holds or fails whatever the states are; write a relation of states")
-    operation = expression.op() if expression.is_scalar() and not expression.is_constant() else None
-    if operation in {casadi.OP_LE, casadi.OP_LT, casadi.OP_EQ}:
-        return expression.dep(0) - expression.dep(1), operation == casadi.OP_EQ
-    if expression.is_constant():
-        raise ProblemError(f"{where}: the relation is always {'true' if bool(expression) else 'false'}")
-    raise ProblemError(f"{where}: {expression} is no relation; write left <= right or left == right")
+    scalar = isinstance(expression, casadi.SX) and expression.is_scalar()
+    if isinstance(expression, (bool, np.bool_)) or (scalar and expression.is_constant()):
+        raise ProblemError(f"{where}: the relation is {bool(expression)} whatever the states are; it says nothing")
+    if not scalar or expression.op() not in _RELATIONS:
+        raise ProblemError(f"{where}: {expression} is no relation; write left <= right or left == right")
+    return expression.dep(0) - expression.dep(1), bool(expression.op() == casadi.OP_EQ)
+
+
+def is_logical(expression: Expr) -> bool:
+    """Tell whether a scalar expression is a truth value, such as a relation, where a quantity may be needed."""
+    return expression.op() in {*_RELATIONS, casadi.OP_NE, casadi.OP_NOT, casadi.OP_AND, casadi.OP_OR}
 
 
 def _declare(names: str, kind: Role) -> Any:
+    if not isinstance(names, str):
+        raise ProblemError(f"{kind}s({names!r}): give the names in one string, such as {kind}s('a b')")
     words = names.replace(",", " ").split()
     if not words:
         raise ProblemError(f"{kind}s({names!r}): name at least one {kind}")
-    repeated = sorted({word for word in words if words.count(word) > 1})
-    if repeated:
-        raise ProblemError(f"{kind}s({names!r}): '{repeated[0]}' is declared twice")
+    for k, word in enumerate(words):
+        if not word.isidentifier():
+            raise ProblemError(f"{kind}s({names!r}): '{word}' is no name; use letters, digits and underscores")
+        if word in _TIMES:
+            raise ProblemError(f"{kind}s({names!r}): '{word}' is the name of {_TIMES[word]}; choose another")
+        if word in words[:k]:
+            raise ProblemError(f"{kind}s({names!r}): '{word}' is declared twice")
     symbols = tuple(casadi.SX.sym(word) for word in words)
     _ROLES.update(dict.fromkeys(symbols, kind))
     return symbols if len(symbols) > 1 else symbols[0]

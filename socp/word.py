@@ -45,7 +45,8 @@ class Mode:
                 "b or b[constraint] (boundary), * (free)"
             )
         if match["constraint"] and kind != "boundary":
-            raise MethodError(f"word: '{text}' names a constraint, which only a boundary arc has: b[{match['constraint']}]")
+            boundary = f"b[{match['constraint']}]"
+            raise MethodError(f"word: '{text}' names a constraint, which only a boundary arc has: {boundary}")
         return cls(kind, match["constraint"])
 
 
@@ -82,13 +83,15 @@ class Word:
                 name, modes = controls[0], part
             name = name.strip()
             if name not in controls:
-                raise MethodError(f"word: '{part}' should start with a control and a colon; controls: {', '.join(controls)}")
+                known = ", ".join(controls)
+                raise MethodError(f"word: '{part}' should start with a control and a colon; controls: {known}")
             if name in rows:
                 raise MethodError(f"word: control '{name}' is given twice")
             rows[name] = [Mode.parse(token) for token in modes.split()]
         missing = [name for name in controls if not rows.get(name)]
         if missing:
-            raise MethodError(f"word: no arcs for control '{missing[0]}'; write one row a control, such as '{missing[0]}: + s -'")
+            such = f"'{missing[0]}: + s -'"
+            raise MethodError(f"word: no arcs for control '{missing[0]}'; write one row a control, such as {such}")
         lengths = {name: len(modes) for name, modes in rows.items()}
         if len(set(lengths.values())) > 1:
             counts = ", ".join(f"{name} has {count}" for name, count in lengths.items())

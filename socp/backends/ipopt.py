@@ -5,9 +5,9 @@ import re
 import signal
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from io import StringIO
 from types import FrameType
@@ -16,13 +16,15 @@ from typing import Any, final
 import casadi
 import numpy as np
 
-from socp.errors import MethodError
+from socp.errors import MethodError, SolveError
 from socp.nlp import NLP, NLPPoint, Progress, Watch, silent
 from socp.solution import Stop
 
 _DEFAULTS: dict[str, Any] = {
     "tol": 1e-9,
     "bound_relax_factor": 0.0,  # Ipopt's 1e-8 moves every bound, and with it the ninth digit of the objective
+    "first_hessian_perturbation": 1e-8,  # singular arcs make the Hessian flat, not indefinite: little is enough
+    "acceptable_iter": 100,  # the flatness slows the last digits; its 15 would give up some of them
     "max_iter": 3000,
     "print_level": 0,
     "sb": "yes",
@@ -37,13 +39,19 @@ _STOPS = {
     "Maximum_WallTime_Exceeded": Stop.LIMIT,
     "User_Requested_Stop": Stop.INTERRUPTED,
 }
-_TRACED = {"obj": "objective", "inf_pr": "inf_pr", "inf_du": "inf_du", "mu": "mu", "d_norm": "step", "alpha_pr": "alpha_pr", "alpha_du": "alpha_du"}
+_TRACED = {
+    "obj": "objective", "inf_pr": "inf_pr", "inf_du": "inf_du", "mu": "mu", "d_norm": "step",
+    "alpha_pr": "alpha_pr", "alpha_du": "alpha_du",
+}  # fmt: skip
 
 
 @final
 @dataclass(frozen=True)
 class Ipopt:
-    """Options of Ipopt by their own names, over defaults that keep the digits (tol 1e-9, bound_relax_factor 0)."""
+    """Options of Ipopt by their own names, over defaults that keep the digits (tol 1e-9, bound_relax_factor 0).
+
+    Raises MethodError for an option that Ipopt does not have, with the closest match, or a value that it does not take.
+    """
 
     options: Mapping[str, Any] = field(default_factory=dict)
 
@@ -52,66 +60,114 @@ class Ipopt:
             _check(name, value)
 
     def __call__(self, nlp: NLP, guess: NLPPoint, watch: Watch = silent) -> NLPPoint:
-        """Solve from a guess, warm where it carries multipliers."""
+        """Solve from a guess, warm where it carries multipliers.
+
+        Raises SolveError where casadi cannot build the programme, and whatever the watch raises.
+        """
         began = time.perf_counter()
         observer = _Observer(nlp, watch)
-        solver = casadi.nlpsol(
-            "ipopt", "ipopt", {"x": nlp.v, "f": nlp.f, "g": nlp.g},
-            {"print_time": False, "iteration_callback": observer, **{f"ipopt.{k}": v for k, v in {**_DEFAULTS, **self.options}.items()}},
-        )  # fmt: skip
+        solver = _solver(nlp, observer, {**_DEFAULTS, **self.options})
         built = time.perf_counter()
         given = {"x0": guess.v, "lbx": nlp.v_box[0], "ubx": nlp.v_box[1], "lbg": nlp.g_box[0], "ubg": nlp.g_box[1]}
         if guess.lam_v is not None and guess.lam_g is not None:
             given |= {"lam_x0": guess.lam_v, "lam_g0": guess.lam_g}
-        with _sigint(observer):
-            result = solver(**given)
+        try:
+            with _sigint(observer):
+                result = solver(**given)
+        except RuntimeError as error:
+            raise SolveError(f"Ipopt could not run: {_last_line(error)}") from error
         if observer.error is not None:
             raise observer.error
-        stats = solver.stats()
-        trace = {name: tuple(map(float, stats["iterations"][key])) for key, name in _TRACED.items() if key in stats.get("iterations", {})}
-        flat = {key: np.array(result[key].full()).ravel() for key in ("x", "lam_x", "lam_g")}
-        status = stats["return_status"]
-        return NLPPoint(
-            v=flat["x"], objective=float(result["f"]), lam_v=flat["lam_x"], lam_g=flat["lam_g"], stop=_STOPS.get(status, Stop.FAILED),
-            message=f"Ipopt: {status.replace('_', ' ')}", iterations=max(len(trace.get("objective", ())) - 1, 0), trace=trace,
-            seconds={"build": built - began, "solve": time.perf_counter() - built},
-        )  # fmt: skip
+        seconds = {"build": built - began, "solve": time.perf_counter() - built}
+        point = _point(result, solver.stats(), seconds)
+        return _explained(point, nlp, guess, self.options) if point.stop is Stop.FAILED else point
 
 
-class _Observer(casadi.Callback):
-    """Passes every iteration to a watch; casadi swallows exceptions here, so the first one is kept for later."""
+def _solver(nlp: NLP, observer: "_Observer", options: Mapping[str, Any]) -> casadi.Function:
+    settings = {"print_time": False, "show_eval_warnings": False, "iteration_callback": observer}
+    settings |= {f"ipopt.{name}": value for name, value in options.items()}
+    try:
+        return casadi.nlpsol("ipopt", "ipopt", {"x": nlp.v, "f": nlp.f, "g": nlp.g}, settings)
+    except RuntimeError as error:
+        raise SolveError(f"Ipopt could not be set up: {_last_line(error)}") from error
+
+
+def _point(result: Mapping[str, Any], stats: Mapping[str, Any], seconds: Mapping[str, float]) -> NLPPoint:
+    iterations, status = stats.get("iterations", {}), stats["return_status"]
+    trace = {name: tuple(map(float, iterations[key])) for key, name in _TRACED.items() if key in iterations}
+    flat = {key: np.array(result[key].full()).ravel() for key in ("x", "lam_x", "lam_g")}
+    return NLPPoint(
+        v=flat["x"], objective=float(result["f"]), lam_v=flat["lam_x"], lam_g=flat["lam_g"],
+        stop=_STOPS.get(status, Stop.FAILED), message=f"Ipopt: {status.replace('_', ' ')}",
+        iterations=max(len(trace.get("objective", ())) - 1, 0), trace=trace, seconds=seconds,
+    )  # fmt: skip
+
+
+class _Observer(casadi.Callback):  # type: ignore[misc]
+    """Passes every iteration to a watch; casadi swallows exceptions here, so the first one is kept for later.
+
+    It reads casadi's own memory: matrices made of it, five an iteration, would cost more than a watch.
+    """
 
     def __init__(self, nlp: NLP, watch: Watch) -> None:
         super().__init__()
-        self.sizes = {"x": nlp.v.numel(), "f": 1, "g": nlp.g.numel(), "lam_x": nlp.v.numel(), "lam_g": nlp.g.numel(), "lam_p": 0}
+        self.sizes = {"x": nlp.v.numel(), "f": 1, "g": nlp.g.numel(), "lam_x": nlp.v.numel(), "lam_g": nlp.g.numel()}
         self.low, self.high = nlp.g_box
         self.watch, self.stop, self.count = watch, False, 0
         self.error: BaseException | None = None
         self.construct("observer", {})
 
     def get_n_in(self) -> int:
-        return len(self.sizes)
+        return int(casadi.nlpsol_n_out())
 
     def get_n_out(self) -> int:
         return 1
 
     def get_name_in(self, i: int) -> str:
-        return casadi.nlpsol_out(i)
+        return str(casadi.nlpsol_out(i))
 
     def get_sparsity_in(self, i: int) -> casadi.Sparsity:
-        size = self.sizes[casadi.nlpsol_out(i)]
+        size = self.sizes.get(casadi.nlpsol_out(i), 0)
         return casadi.Sparsity.dense(size, 1) if size else casadi.Sparsity(0, 0)
 
-    def eval(self, arguments: list[casadi.DM]) -> list[int]:
+    def has_eval_buffer(self) -> bool:
+        return True
+
+    def eval_buffer(self, given: Sequence[memoryview], asked: Sequence[memoryview]) -> int:
         try:
-            if self.watch is not silent:
-                g = arguments[2].full().ravel()
-                violation = float(np.max(np.maximum(self.low - g, g - self.high), initial=0.0))
-                self.stop |= bool(self.watch(Progress("ipopt", self.count, float(arguments[1]), violation)))
+            if self.watch is not silent and self.error is None:
+                g = np.frombuffer(given[2]) if self.sizes["g"] else np.zeros(0)
+                self._show(float(np.frombuffer(given[1])[0]), g)
             self.count += 1
         except BaseException as error:  # noqa: BLE001 - anything raised here would vanish inside Ipopt
             self.error, self.stop = error, True
-        return [int(self.stop)]
+        np.frombuffer(asked[0])[0] = float(self.stop)
+        return 0
+
+    def _show(self, objective: float, g: np.ndarray) -> None:
+        violation = float(np.max(np.maximum(self.low - g, g - self.high), initial=0.0))
+        self.stop |= bool(self.watch(Progress("ipopt", self.count, objective, violation)))
+
+
+def _explained(point: NLPPoint, nlp: NLP, guess: NLPPoint, options: Mapping[str, Any]) -> NLPPoint:
+    """Return a failure with its likely reason; one before the first iteration has no objective."""
+    reason = _unusable(nlp, guess)
+    if point.message.endswith("Invalid Option"):
+        given = ", ".join(f"{name}={value}" for name, value in options.items())
+        reason = f"this build of Ipopt cannot carry out one of {given}"
+    objective = point.objective if point.trace else float("nan")
+    return replace(point, objective=objective, message=f"{point.message}; {reason}" if reason else point.message)
+
+
+def _unusable(nlp: NLP, guess: NLPPoint) -> str:
+    """Say what cannot be computed at the guess: the usual reason for a failure at the first iteration."""
+    if not np.isfinite(guess.v).all():
+        return "the guess itself is not finite"
+    f, g = casadi.Function("start", [nlp.v], [nlp.f, nlp.g])(guess.v)
+    bad = int((~np.isfinite(g.full())).sum())
+    if not np.isfinite(float(f)):
+        return f"the objective is {float(f)} at the guess; give a guess where it is finite"
+    return f"{bad} of {g.numel()} constraints are not finite at the guess; give a guess where they are" if bad else ""
 
 
 @contextmanager
@@ -131,26 +187,46 @@ def _sigint(observer: _Observer) -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
+def _last_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[-1].rsplit(": ", 1)[-1]
+
+
 @cache
 def _documented() -> Mapping[str, str]:
     """Return Ipopt's own options: name -> documentation, as this build of Ipopt prints them."""
-    v = casadi.SX.sym("v")
     text = StringIO()
     with redirect_stdout(text):
-        solver = casadi.nlpsol("options", "ipopt", {"x": v, "f": v**2}, {"ipopt.print_options_documentation": "yes", "print_time": False, "ipopt.sb": "yes"})
-        solver(x0=1.0)
+        _probe({"print_options_documentation": "yes"})(x0=1.0)
     found = re.split(r"^(\w+) +(?=\S)", text.getvalue(), flags=re.MULTILINE)
     return dict(zip(found[1::2], found[2::2], strict=True))
 
 
+def _probe(options: Mapping[str, Any]) -> casadi.Function:
+    v = casadi.SX.sym("v")
+    settings = {f"ipopt.{name}": value for name, value in {"sb": "yes", **options}.items()}
+    return casadi.nlpsol("probe", "ipopt", {"x": v, "f": v**2}, {"print_time": False, **settings})
+
+
 def _check(name: str, value: Any) -> None:
     """Raise MethodError for an option that Ipopt does not have, or a value that it does not take."""
-    v = casadi.SX.sym("v")
     try:
-        casadi.nlpsol("probe", "ipopt", {"x": v, "f": v**2}, {"ipopt.print_level": 0, "ipopt.sb": "yes", f"ipopt.{name}": value})
-    except RuntimeError as error:
+        # casadi would pass None and its like on as nothing at all
+        plain = value if isinstance(value, (int, float, str)) and not isinstance(value, bool) else [value]
+        with redirect_stdout(StringIO()):  # Ipopt explains itself there, at length
+            _probe({"print_level": 0, name: plain})
+    except (RuntimeError, NotImplementedError):
         if name not in _documented():
-            close = difflib.get_close_matches(name, _documented(), n=1)
-            raise MethodError(f"ipopt has no option '{name}'" + (f"; did you mean '{close[0]}'?" if close else "")) from None
-        reason = str(error).strip().splitlines()[-1].rsplit(": ", 1)[-1]
-        raise MethodError(f"ipopt.{name}: {value!r} is not allowed ({reason}); {_documented()[name].strip().splitlines()[0].strip()}") from None
+            close = difflib.get_close_matches(str(name), _documented(), n=1)
+            hint = f"; did you mean '{close[0]}'?" if close else ""
+            raise MethodError(f"ipopt has no option '{name}'{hint}") from None
+        raise MethodError(f"ipopt.{name}: {value!r} is not allowed; {_allowed(name)}") from None
+
+
+def _allowed(name: str) -> str:
+    """Return the values that an option takes: `0 < value < +inf (default 1e-08)` or `monotone, adaptive`."""
+    first, _, rest = _documented()[name].strip().partition("\n")
+    words = re.findall(r"^ +- (\S+)", rest, flags=re.MULTILINE)
+    if words:
+        return f"allowed: {', '.join(words)}"
+    low, default, high = re.split(r" *\( *| *\) *", first.strip())
+    return f"allowed: {low} value {high} (default {default})"

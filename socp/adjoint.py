@@ -1,0 +1,218 @@
+"""The adjoint equation along a given solution, condensed: costates as affine functions of a few unknown multipliers."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import final
+
+import casadi
+import numpy as np
+
+from socp.problem import Constraint, Problem
+from socp.schemes import lgr
+from socp.solution import Arc, Solution
+from socp.symbols import column, time
+
+POINTS = 10  # collocation points an interval: order 19, so that the judge's own error stays below what it judges
+_INTERVALS = 16  # of the judge's mesh in one arc at most; finer meshes are joined in groups
+_CUTS = 64  # switches and touches that get a joint of their own; more than that is ringing, which a uniform mesh shows as well
+ACTIVE = 1e-4  # of the range of a state constraint's values on the solution: as near counts as on it
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """The judge's nodes: k intervals of d + 1 nodes in time order, so that joints stand twice, once from either side.
+
+    t (n,); x (nx, n); u (nu, n); arc (n,) index of the arc of the solution; edges (k + 1,); values of the problem there:
+    f (nx, n), L (n,), fx (n, nx, nx), Lx (nx, n), G (n, nx, nu), L1 (nu, n), ft (nx, n), Lt (n,), c (nc, n), cx (n, nc, nx),
+    ct (nc, n), fp (n, nx, np), Lp (np, n).
+    """
+
+    problem: Problem
+    edges: np.ndarray
+    t: np.ndarray
+    x: np.ndarray
+    u: np.ndarray
+    arc: np.ndarray
+    p: np.ndarray
+
+    @property
+    def intervals(self) -> int:
+        """Number of intervals k."""
+        return len(self.edges) - 1
+
+    @property
+    def width(self) -> int:
+        """Nodes of one interval, d + 1."""
+        return POINTS + 1
+
+    @cached_property
+    def values(self) -> dict[str, np.ndarray]:
+        """The problem's functions and slopes at the nodes, by the names of the class's docstring."""
+        problem, n = self.problem, self.t.size
+        x, u, p = problem.x, problem.u, problem.p
+        c = column(constraint.expression for constraint in problem.constraints)
+        f, L = problem.rate, problem.lagrangian
+        named = {
+            "f": f, "L": L, "fx": casadi.jacobian(f, x), "Lx": casadi.jacobian(L, x).T, "G": problem.fields,
+            "L1": casadi.jacobian(L, u).T, "ft": casadi.jacobian(f, time), "Lt": casadi.jacobian(L, time), "c": c,
+            "cx": casadi.jacobian(c, x), "ct": casadi.jacobian(c, time), "fp": casadi.jacobian(f, p), "Lp": casadi.jacobian(L, p).T,
+        }  # fmt: skip
+        dense = [casadi.densify(expression) for expression in named.values()]
+        function = casadi.Function("along", [x, u, time, p], dense)
+        results = function.map(n)(self.x, self.u, self.t[None, :], np.repeat(self.p[:, None], n, axis=1))
+        found = {}
+        for (name, expression), result in zip(named.items(), results, strict=True):
+            rows, columns = expression.shape
+            block = result.full().reshape(rows, n, columns) if columns else np.empty((rows, n, 0))
+            matrix = name in {"fx", "G", "cx", "fp"}
+            found[name] = block.transpose(1, 0, 2) if matrix else block[:, :, 0] if columns == 1 else block.reshape(rows, n)
+        found["L"], found["Lt"] = found["L"][0], found["Lt"][0]
+        return found
+
+
+def sample(problem: Problem, solution: Solution) -> Samples:
+    """Lay the judge's nodes over a solution: along its arcs, cut where controls switch and where constraints touch."""
+    cuts = np.array([*solution.switches, *_touches(problem, solution)])
+    cuts = cuts if cuts.size <= _CUTS else np.empty(0)
+    shortest = 1e-9 * (solution.final_time - solution.initial_time)  # shorter arcs are points: their nodes differ by rounding alone
+    tau = (lgr(POINTS).nodes + 1.0) / 2.0
+    edges, ts, xs, us, arcs = [solution.initial_time], [], [], [], []
+    for index, arc in enumerate(solution.arcs):
+        for a, b in _intervals(arc, cuts) if arc.t[-1] - arc.t[0] > shortest else ():
+            t = a + (b - a) * tau
+            t[-1] = b
+            hair = 1e-12 * (b - a)  # a node on a joint belongs to this side of it, and the control may jump there
+            at = np.clip(t, a + hair, b - hair)
+            ts.append(t)
+            xs.append(arc.at(t))
+            us.append(arc.at(at, "u"))
+            arcs.append(np.full(t.size, index))
+            edges.append(b)
+    p = np.array([solution.parameters[name] for name in problem.parameter_names], dtype=float)
+    return Samples(problem, np.array(edges), np.concatenate(ts), np.hstack(xs), np.hstack(us), np.concatenate(arcs), p)
+
+
+def _intervals(arc: Arc, cuts: np.ndarray) -> list[tuple[float, float]]:
+    """Return the judge's intervals on an arc: its own, joined in groups where they are many, cut at the given times."""
+    ends = arc.t[arc.mesh]
+    step = -(-(len(ends) - 1) // _INTERVALS)
+    kept = np.append(ends[:-1:step], ends[-1])
+    apart = 1e-9 * (ends[-1] - ends[0])  # cuts nearer to an end than this are that end, up to rounding
+    inside = cuts[(cuts > ends[0] + apart) & (cuts < ends[-1] - apart)]
+    points = np.unique(np.concatenate([kept, inside]))
+    near = np.diff(points) <= apart
+    points = np.delete(points, np.flatnonzero(near) + 1) if near.any() else points
+    points[-1] = ends[-1]
+    return list(zip(points[:-1].tolist(), points[1:].tolist(), strict=True))
+
+
+def _touches(problem: Problem, solution: Solution) -> list[float]:
+    """Return the times at which a state constraint that is inactive around them comes to zero."""
+    found: list[float] = []
+    grids = [np.linspace(arc.t[0], arc.t[-1], 20 * min(len(arc.mesh), 50) + 1) for arc in solution.arcs]
+    for constraint in problem.constraints:
+        values = [constraint_values(problem, solution, constraint, t, arc.at(t)) for t, arc in zip(grids, solution.arcs, strict=True)]
+        level = -ACTIVE * max(float(np.ptp(np.concatenate(values))), 1e-300)
+        for t, c in zip(grids, values, strict=True):
+            near = c > level
+            for run in np.split(np.arange(t.size), np.flatnonzero(np.diff(near.astype(int))) + 1):
+                # a parabola stays as near as ACTIVE to its peak for 2 sqrt(ACTIVE) of its span; what stays longer is a boundary arc
+                if near[run[0]] and run.size < 5.0 * np.sqrt(ACTIVE) * t.size and 0 < run[0] and run[-1] < t.size - 1:
+                    found.append(float(t[run[np.argmax(c[run])]]))
+    return found
+
+
+def constraint_values(problem: Problem, solution: Solution, constraint: Constraint, t: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Evaluate a state constraint at times t (n,) and states x (nx, n); returns (n,)."""
+    p = column(solution.parameters[name] for name in problem.parameter_names)
+    function = casadi.Function("c", [problem.x, time], [casadi.substitute(constraint.expression, problem.p, p)])
+    return np.array(function.map(t.size)(x, t[None, :]).full().ravel())
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """The multipliers that are looked for, as columns of z: what each one is and where.
+
+    ends: rows (nx, columns) of the final costate; mu: (constraint, interval) blocks of d nodes; jumps: (constraint, joint k at
+    edges[k]). `labels` tells the user what a column is.
+    """
+
+    ends: np.ndarray
+    mu: Sequence[tuple[int, int]] = ()
+    jumps: Sequence[tuple[int, int]] = ()
+    labels: Sequence[str] = field(default_factory=tuple)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.ends.shape[1] + POINTS * len(self.mu) + len(self.jumps)
+
+    def mu_columns(self, block: int) -> slice:
+        """Return the columns of one block of constraint multipliers."""
+        first = self.ends.shape[1] + POINTS * block
+        return slice(first, first + POINTS)
+
+    def jump_column(self, jump: int) -> int:
+        """Return the column of one jump."""
+        return self.ends.shape[1] + POINTS * len(self.mu) + jump
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Costates:
+    """lambda at the nodes as offset (n, nx) + maps (n, nx, nz) z; mu at the nodes as mu (n, nc, nz) z."""
+
+    offset: np.ndarray
+    maps: np.ndarray
+    mu: np.ndarray
+
+    def at(self, z: np.ndarray) -> np.ndarray:
+        """Return the costates (nx, n) for multipliers z (nz,)."""
+        result: np.ndarray = (self.offset + self.maps @ z).T
+        return result
+
+
+def condense(samples: Samples, unknowns: Unknowns, end: np.ndarray) -> Costates:
+    """Integrate lambda' = -H_x - mu c_x backwards from lambda(tf) = end (nx,) + unknowns, by Radau collocation.
+
+    Backwards the adjoint equation is as stable as the state equation forwards, so condensing loses no digits there. At a joint
+    lambda(t-) = lambda(t+) + jump c_x (Hartl, Sethi, Vickson, SIAM Review 37, 1995, theorem 4.1).
+    """
+    scheme, v, nx, d = lgr(POINTS), samples.values, samples.x.shape[0], POINTS
+    n, nc, nz = samples.t.size, v["cx"].shape[1], unknowns.size
+    value = np.zeros((nx, nz + 1))  # the last column is the part without unknowns
+    value[:, : unknowns.ends.shape[1]], value[:, -1] = unknowns.ends, end
+    table, mu = np.zeros((n, nx, nz + 1)), np.zeros((n, nc, nz))
+    inner, outer = np.kron(scheme.A[:, :-1], np.eye(nx)), np.kron(scheme.A[:, -1:], np.eye(nx))
+    for k in reversed(range(samples.intervals)):
+        first = k * samples.width
+        here = slice(first, first + d)
+        for jump, (constraint, joint) in enumerate(unknowns.jumps):
+            if joint == k + 1:
+                value[:, unknowns.jump_column(jump)] += v["cx"][first + d, constraint]
+        half = 0.5 * (samples.edges[k + 1] - samples.edges[k])
+        forcing = np.zeros((d, nx, nz + 1))
+        forcing[:, :, -1] = v["Lx"][:, here].T
+        for block, (constraint, interval) in enumerate(unknowns.mu):
+            if interval == k:
+                columns = np.arange(d) + unknowns.mu_columns(block).start
+                forcing[np.arange(d), :, columns] += v["cx"][here, constraint]
+                mu[first + np.arange(d), constraint, columns] = 1.0
+                mu[first + d, constraint, unknowns.mu_columns(block)] = _extrapolation()
+        matrix = inner.copy()
+        for j in range(d):
+            rows = slice(j * nx, (j + 1) * nx)
+            matrix[rows, rows] += half * v["fx"][first + j].T
+        nodes = np.linalg.solve(matrix, -outer @ value - half * forcing.reshape(d * nx, nz + 1))
+        table[here], table[first + d] = nodes.reshape(d, nx, nz + 1), value
+        value = table[first].copy()
+    return Costates(table[:, :, -1], table[:, :, :-1], mu)
+
+
+def _extrapolation() -> np.ndarray:
+    """Return the weights (d,) that extend a polynomial from the collocated nodes to the end of an interval."""
+    nodes = lgr(POINTS).nodes
+    return np.array([np.prod((1.0 - np.delete(nodes[:-1], j)) / (nodes[j] - np.delete(nodes[:-1], j))) for j in range(POINTS)])

@@ -1,0 +1,73 @@
+"""Arcs: values at nodes in time, and the polynomials through them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, final
+
+import numpy as np
+
+Which = Literal["x", "u", "costate"]
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Arc:
+    """One arc: nodes in time with the values there.
+
+    t (n,) increasing; x (nx, n); u (nu, n); costate (nx, n), nan where unknown; modes: one a control, as a word spells
+    them; multipliers: state constraint -> density (n,), nan at nodes of no weight. `mesh` (k + 1,) holds the indices of
+    the nodes where the arc's k intervals begin and end; on each the state is the polynomial through all of its nodes,
+    the control the one through those of its nodes that are collocated: all but the ends that `side` leaves out.
+    """
+
+    t: np.ndarray
+    x: np.ndarray
+    u: np.ndarray
+    costate: np.ndarray
+    mesh: np.ndarray
+    side: Literal["left", "right", "both"]
+    modes: tuple[str, ...]
+    multipliers: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def nodes(self, interval: int, which: Which = "x") -> slice:
+        """Return the nodes that carry a quantity on one interval."""
+        first, last = int(self.mesh[interval]), int(self.mesh[interval + 1])
+        if which != "u":
+            return slice(first, last + 1)
+        return slice(first + (self.side == "right"), last + (self.side != "left"))
+
+    def at(self, t: Any, which: Which = "x", seen: Any = None) -> np.ndarray:
+        """Evaluate x, u or costate at times t (k,) inside the arc; returns (rows, k).
+
+        Where intervals meet the later one counts, or that of the times `seen` (k,) where they are given.
+        """
+        values: np.ndarray = getattr(self, which)
+        t = np.atleast_1d(np.asarray(t, dtype=float))
+        place = t if seen is None else np.atleast_1d(np.asarray(seen, dtype=float))
+        interval = np.clip(np.searchsorted(self.t[self.mesh], place, side="right") - 1, 0, len(self.mesh) - 2)
+        out = np.empty((values.shape[0], t.size))
+        for k in np.unique(interval):
+            here, nodes = interval == k, self.nodes(int(k), which)
+            out[:, here] = lagrange(self.t[nodes], values[:, nodes], t[here])
+        return out
+
+
+def lagrange(nodes: np.ndarray, values: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Evaluate the polynomial through (nodes (p,), values (r, p)) at t (k,), barycentrically; returns (r, k)."""
+    span = float(np.ptp(nodes))
+    if nodes.size == 1 or span == 0.0:
+        return np.repeat(values[:, :1], t.size, axis=1)
+    if np.diff(nodes).min() <= 1e-15 * np.abs(nodes).max():  # an interval so short that its nodes coincide by rounding
+        return np.array([np.interp(t, nodes, row) for row in values])
+    # an interval of length 4 has capacity 1: products stay near 1
+    gaps = 4.0 * (nodes[:, None] - nodes[None, :]) / span
+    np.fill_diagonal(gaps, 1.0)
+    weights = 1.0 / gaps.prod(axis=1)
+    distance = t[:, None] - nodes[None, :]
+    hit = np.abs(distance) <= 1e-15 * span  # as near as this the quotient overflows, and the value is the node's
+    distance[hit] = 1.0
+    terms = weights / distance
+    result: np.ndarray = ((terms @ values.T) / terms.sum(axis=1, keepdims=True)).T
+    where, node = np.nonzero(hit)
+    result[:, where] = values[:, node]
+    return result

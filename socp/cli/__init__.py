@@ -1,0 +1,15 @@
+"""The command line: a thin door to the library."""
+
+import sys
+from collections.abc import Sequence
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code; what it needs is imported here, so that Ctrl-C is caught early."""
+    try:
+        from socp.cli.app import run
+
+        return run(arguments)
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted\n")
+        return 130

@@ -1,0 +1,146 @@
+"""`socp compare`: one problem, several methods, one table."""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import click
+from rich import box
+from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Table
+from rich.text import Text
+
+from socp.cli.loading import load_problem
+from socp.cli.options import build, shared
+from socp.cli.progress import progress
+from socp.cli.session import Exit, Session, messages, results, show, write_json
+from socp.cli.show import facts, signed, small, switching, times, variations, worst
+from socp.errors import SocpError
+
+if TYPE_CHECKING:
+    from socp.method import Method
+    from socp.problem import Problem
+    from socp.solution import Solution
+
+FEASIBLE = 1e-6  # violation, relative, up to which objectives are compared with one another
+
+
+@final
+@dataclass(frozen=True)
+class Row:
+    """A method with its solution, or with the reason why there is none."""
+
+    method: str
+    solution: "Solution | None" = None
+    error: str = ""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the method's solver met its tolerances."""
+        return self.solution is not None and self.solution.stop.ok
+
+
+@click.command(short_help="Solve a problem with several methods and print one table.")
+@click.argument("problem", metavar="FILE_OR_NAME")
+@click.option("-m", "--method", "names", multiple=True, required=True, metavar="NAME", help="Method; give several.")
+@click.option("-o", "--option", "given", multiple=True, metavar="[METHOD.]KEY=VALUE",
+              help="Option of one method, or of each that has it.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Write the table as JSON.")
+@click.option("--quiet", is_flag=True, help="Write no progress and no messages.")
+@click.pass_obj
+def compare(
+    session: Session, problem: str, names: tuple[str, ...], given: tuple[str, ...], as_json: bool, quiet: bool
+) -> int:  # fmt: skip
+    """Solve a problem with several methods, each from the default guess, and print one table; nothing is written.
+
+    Errors are to the best objective: the lowest of those that re-integration finds feasible to 1e-6 (relative), or else
+    that of the most feasible solution.
+    """
+    session.quiet = quiet
+    registry = session.registry()
+    session.complain(registry)
+    chosen = [registry.method(name) for name in dict.fromkeys(names)]
+    options = shared(chosen, given)
+    built = [build(method, options[method.name]) for method in chosen]
+    posed = load_problem(problem, registry)
+    rows = [_solved(posed, method, quiet=quiet) for method in built]
+    best = best_of(rows)
+    if as_json:
+        write_json({"problem": posed.name, "best": best, "rows": [_record(posed, row, best) for row in rows]})
+    else:
+        show(_fitting(results(), posed, rows, best))
+    for row in rows:
+        if row.error:
+            session.warn(f"{row.method}: {row.error}")
+    return Exit.SOLVED if all(row.ok for row in rows) else Exit.UNSOLVED
+
+
+def best_of(rows: list[Row]) -> float:
+    """Return the lowest objective of the feasible solutions, or that of the most feasible one; nan where none is."""
+    found = [row.solution for row in rows if row.ok and row.solution is not None]
+    feasible = [solution.objective for solution in found if worst(solution) <= FEASIBLE]
+    if feasible:
+        return min(feasible)
+    return min(found, key=worst).objective if found else math.nan
+
+
+def _solved(problem: "Problem", method: "Method", *, quiet: bool) -> Row:
+    from socp.guess import default_guess
+    from socp.chain import run
+
+    try:
+        with progress(messages(), f"{problem.name}, {method.name}", quiet=quiet) as watch:
+            solution = run(method, problem, default_guess(problem), watch)
+    except SocpError as error:
+        return Row(method.name, error=str(error))
+    if solution.stop.name == "INTERRUPTED":
+        raise KeyboardInterrupt
+    return Row(method.name, solution)
+
+
+def _record(problem: "Problem", row: Row, best: float) -> dict[str, Any]:
+    if row.solution is None:
+        return {"method": row.method, "solved": False, "error": row.error}
+    more = {"to_best": row.solution.objective - best, "feasibility": worst(row.solution)}
+    return {**facts(problem, row.solution), **more}
+
+
+def _fitting(console: Console, problem: "Problem", rows: list[Row], best: float) -> Table:
+    """Return the table with a method a row, or with a method a column where that is too wide for the console."""
+    cells = {row.method: _cells(problem, row, best) for row in rows}
+    labels = list(dict.fromkeys(label for cell in cells.values() for label in cell))
+    by_method = {method: [cell.get(label, "") for label in labels] for method, cell in cells.items()}
+    wide = _table(problem, "method", labels, by_method)
+    if Measurement.get(console, console.options.update(max_width=10_000), wide).maximum <= console.width:
+        return wide
+    body = {label: [cell.get(label, "") for cell in cells.values()] for label in labels}
+    return _table(problem, "", list(cells), body)
+
+
+def _table(problem: "Problem", corner: str, heads: list[str], body: dict[str, list[str]]) -> Table:
+    title = f"{problem.name}: {problem.title}" if problem.title else problem.name
+    table = Table(title=Text(title), title_justify="left", header_style="bold", box=box.SIMPLE_HEAD)
+    table.add_column(corner, style="bold", no_wrap=True)
+    for head in heads:
+        table.add_column(Text(head), justify="left" if head == "switching times" else "right", overflow="fold")
+    for label, cells in body.items():
+        table.add_row(Text(label), *(Text(cell) for cell in cells))
+    return table
+
+
+def _cells(problem: "Problem", row: Row, best: float) -> dict[str, str]:
+    solution = row.solution
+    if solution is None:
+        return {"N": "-", "objective": "not solved"}
+    objective = solution.objective
+    cells = {"N": str(solution.t.size), "objective": f"{objective:.10g}", "to best": signed(objective - best)}
+    if problem.reference is not None:
+        cells["to reference"] = signed(objective - problem.reference.objective)
+    cells["switching times"] = "\n".join(f"{name}: {times(each, 7)}" for name, each in switching(solution).items())
+    cells |= {f"TV({name})": f"{value:.4g}" for name, value in variations(solution).items()}
+    cells |= {
+        "feasibility": small(worst(solution)), "iterations": str(solution.iterations),
+        "seconds": f"{sum(solution.seconds.values()):.2f}",
+    }  # fmt: skip
+    return cells if solution.stop.ok else {**cells, "stop": solution.stop.name.lower()}

@@ -1,0 +1,113 @@
+"""What a verdict says beyond residuals: strictness, ringing, errors of objective and switching times, costates on arcs."""
+
+import casadi
+import numpy as np
+
+from socp.adjoint import POINTS, Samples
+from socp.problem import Problem
+from socp.schemes import lgr
+from socp.solution import Arc, Solution, lagrange
+from socp.symbols import final_time, initial_time
+
+_SCHEME = lgr(POINTS)
+
+
+def strictness(problem: Problem, solution: Solution, samples: Samples, sigma: np.ndarray, size: float) -> dict[str, float]:
+    """Return, for every bang stretch, how far its switching function comes to the right side of zero.
+
+    sigma (nu, n) at the judge's nodes; the figure is sigma times the width of the box over the Hamiltonian's magnitude. One
+    that is not positive belongs to an arc that the principle does not ask for.
+    """
+    found = {}
+    width = np.diff(problem.box, axis=0)[0]
+    for i, name in enumerate(problem.control_names):
+        for number, (mode, start, end) in enumerate(solution.structure[name], start=1):
+            inside = (samples.t >= start) & (samples.t <= end)
+            if mode in {"+", "-"} and inside.any() and end > start:
+                sign = 1.0 if mode == "-" else -1.0
+                found[f"{name}, stretch {number} ({mode})"] = float((sign * sigma[i, inside]).max() * width[i] / size)
+    return found
+
+
+def ringing(problem: Problem, solution: Solution) -> dict[str, float]:
+    """Return, for every control, its total variation over that of its running mean (1, 2, 1) / 4: 1 if it does not ring.
+
+    The mean leaves nothing of a zigzag from value to value, and all of a jump between longer levels. What is less than a
+    thousandth of the width of the box counts as no variation.
+    """
+    found = {}
+    for i, name in enumerate(problem.control_names):
+        values = np.concatenate([arc.u[i, arc.nodes(k, "u")] for arc in solution.arcs for k in range(len(arc.mesh) - 1)])
+        least = 1e-3 * float(problem.box[1, i] - problem.box[0, i])
+        calm = np.convolve(np.pad(values, 1, mode="edge"), [0.25, 0.5, 0.25], mode="valid")
+        found[name] = float((np.abs(np.diff(values)).sum() + least) / (np.abs(np.diff(calm)).sum() + least))
+    return found
+
+
+def objective_error(problem: Problem, solution: Solution, samples: Samples, costate: np.ndarray, gain: np.ndarray) -> float:
+    """Estimate the error of the objective, in its own units, by the dual-weighted residual.
+
+    The sum of three: costate (nx, n) times the defect f - x' of the returned states, the difference between the returned
+    objective and its own quadrature, and the Hamiltonian `gain` (n,) that better controls would have over the horizon.
+    """
+    v, half = samples.values, 0.5 * np.diff(samples.edges)
+    shape = (-1, samples.intervals, samples.width)
+    x, f, costates = (each.reshape(shape)[:, :, : each_width] for each, each_width in ((samples.x, None), (v["f"], -1), (costate, -1)))
+    slope = np.einsum("dj,ikj->ikd", _SCHEME.A, x) / half[:, None]
+    weights = half[:, None] * _SCHEME.weights[:-1]
+    defect = float((weights * np.abs((costates * (f - slope)).sum(axis=0))).sum())
+    cost = float((weights * v["L"].reshape(shape[1:])[:, :-1]).sum()) + _mayer(problem, solution)
+    missed = float((weights * gain.reshape(shape[1:])[:, :-1]).sum())
+    return defect + abs(cost - solution.objective) + missed
+
+
+def _mayer(problem: Problem, solution: Solution) -> float:
+    p = [solution.parameters[name] for name in problem.parameter_names]
+    function = casadi.Function("mayer", [problem.x, problem.x0, problem.p, initial_time, final_time], [problem.mayer])
+    ends = solution.arcs[-1].x[:, -1], solution.arcs[0].x[:, 0]
+    return float(function(*ends, p, solution.initial_time, solution.final_time))
+
+
+def switch_errors(problem: Problem, solution: Solution, samples: Samples, sigma: np.ndarray) -> tuple[tuple[float, float], ...]:
+    """Estimate the error of every switching time: how far the nearest zero of the switching function is, on its bang side.
+
+    sigma (nu, n). To second order, since sigma leaves a singular arc with slope zero.
+    """
+    found: dict[float, float] = {}
+    for i, name in enumerate(problem.control_names):
+        row = solution.structure[name]
+        for (before, _, t), (after, _, _) in zip(row[:-1], row[1:], strict=True):
+            side = -1 if before in {"+", "-"} else 1 if after in {"+", "-"} else 0
+            k = int(np.argmin(np.abs(samples.edges - t)))
+            interval = k - 1 if side < 0 else k
+            if side == 0 or not 0 <= interval < samples.intervals:
+                continue
+            error = _nearest_zero(samples, sigma[i], interval, at_end=side < 0)
+            found[t] = max(found.get(t, 0.0), error)
+    return tuple(sorted(found.items()))
+
+
+def _nearest_zero(samples: Samples, sigma: np.ndarray, interval: int, *, at_end: bool) -> float:
+    first = interval * samples.width
+    nodes = slice(first, first + samples.width)
+    t = samples.t[nodes] - samples.t[nodes][-1 if at_end else 0]
+    polynomial = np.polynomial.Polynomial.fit(t, sigma[nodes], min(4, POINTS))
+    value, slope, curve = (abs(float(polynomial.deriv(k)(0.0))) for k in (0, 1, 2))
+    length = float(np.ptp(t))
+    linear = value / slope if slope > 0 else length
+    quadratic = float(np.sqrt(2.0 * value / curve)) if curve > 0 else length
+    return min(linear, quadratic, length)
+
+
+def on_arc(samples: Samples, index: int, arc: Arc, values: np.ndarray) -> np.ndarray:
+    """Carry values (rows, n) from the judge's nodes to the nodes of an arc; arcs without length take the neighbouring value."""
+    out = np.empty((values.shape[0], arc.t.size))
+    mine = np.unique(np.flatnonzero(samples.arc == index) // samples.width)
+    if not mine.size:
+        nearest = int(np.argmin(np.abs(samples.t - arc.t[0])))
+        return np.repeat(values[:, [nearest]], arc.t.size, axis=1)
+    place = mine[np.clip(np.searchsorted(samples.edges[mine], arc.t, side="right") - 1, 0, mine.size - 1)]
+    for k in np.unique(place):
+        nodes = slice(k * samples.width, (k + 1) * samples.width)
+        out[:, place == k] = lagrange(samples.t[nodes], values[:, nodes], arc.t[place == k])
+    return out

@@ -1,0 +1,104 @@
+"""Numbers in a problem: intervals for bounds, ends and times, values for guesses, and what is wrong with them."""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import casadi
+import numpy as np
+
+from socp.errors import ProblemError
+from socp.symbols import Expr, final_time, initial_time, is_logical, role, time
+
+if TYPE_CHECKING:
+    from socp.problem import Problem
+
+Interval = tuple[float, float]
+
+
+def is_number(value: Any) -> bool:
+    """Tell whether something is a real number; True and False, which a relation may fold to, are none."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
+def interval(value: Any) -> Interval:
+    """Return a number as the interval (value, value), a pair as it is; None in a pair means unbounded.
+
+    Raises TypeError or ValueError for what is neither.
+    """
+    if isinstance(value, (tuple, list, np.ndarray)):
+        low, high = value
+        return (-math.inf if low is None else _number(low), math.inf if high is None else _number(high))
+    return (_number(value), _number(value))
+
+
+def check(problem: "Problem") -> None:
+    """Raise ProblemError, naming the offender, for a number that is out of place."""
+    for symbol, value in problem.bounds.items():
+        _bounds(symbol, value)
+    for table in ("start", "end"):
+        for symbol, value in getattr(problem, table).items():
+            _end(table, symbol, value, problem.bounds.get(symbol))
+    first = _pair("initial_time", problem.initial_time)
+    last = _pair("final_time", problem.final_time)
+    if last[1] <= first[0]:
+        raise ProblemError(f"final_time: {problem.final_time} is not after initial_time {problem.initial_time}")
+    for symbol, value in problem.guess.items():
+        _guess(symbol, value)
+
+
+def _number(value: Any) -> float:
+    if not is_number(value):
+        raise TypeError(value)
+    return float(value)
+
+
+def _bounds(symbol: Expr, value: Any) -> None:
+    place = f"bounds of '{symbol}'"
+    low, high = _pair(place, value, single=False)
+    if role(symbol) == "control" and not (math.isfinite(low) and math.isfinite(high)):
+        raise ProblemError(f"{place}: ({low}, {high}); a control needs finite bounds")
+    if role(symbol) != "parameter" and low == high:
+        raise ProblemError(f"{place}: lower = upper = {low}; write the constant in its place instead")
+
+
+def _end(table: str, symbol: Expr, value: Any, bounds: Any) -> None:
+    low, high = _pair(f"{table} of '{symbol}'", value)
+    lower, upper = (-math.inf, math.inf) if bounds is None else interval(bounds)
+    if high < lower or low > upper:
+        raise ProblemError(f"{table} of '{symbol}': {value} lies outside its bounds ({lower}, {upper})")
+
+
+def _pair(place: str, value: Any, *, single: bool = True) -> Interval:
+    try:
+        low, high = interval(value) if single else interval([*value])
+    except (TypeError, ValueError):
+        wanted = "a number or a pair (lower, upper)" if single else "a pair (lower, upper)"
+        raise ProblemError(f"{place}: {value!r} where {wanted} is needed") from None
+    if math.isnan(low) or math.isnan(high) or low == math.inf or high == -math.inf:
+        raise ProblemError(f"{place}: {value!r} where finite numbers are needed")
+    if low > high:
+        raise ProblemError(f"{place}: lower {low} > upper {high}")
+    return low, high
+
+
+def _guess(symbol: Expr, value: Any) -> None:
+    place = f"guess of '{symbol}'"
+    constant = role(symbol) == "parameter" or symbol in {initial_time, final_time}
+    parts = list(value) if isinstance(value, (tuple, list, np.ndarray)) and np.ndim(value) > 0 else [value]
+    if len(parts) != 1 and (constant or len(parts) != 2):
+        wanted = "a number" if constant else "a number, a pair (start, end) or an expression of time"
+        raise ProblemError(f"{place}: {value!r} where {wanted} is needed")
+    for part in parts:
+        _part(place, part, constant=constant or len(parts) == 2)
+
+
+def _part(place: str, part: Any, *, constant: bool) -> None:
+    if not is_number(part) and not (isinstance(part, casadi.SX) and part.is_scalar() and not is_logical(part)):
+        raise ProblemError(f"{place}: {part!r} where a number is needed")
+    expression = casadi.SX(part)
+    if any(not (s == time).is_one() for s in casadi.symvar(expression)):
+        raise ProblemError(f"{place}: {part} may only depend on time")
+    if expression.is_constant() and not math.isfinite(float(expression)):
+        raise ProblemError(f"{place}: {part} where a finite number is needed")
+    if constant and not expression.is_constant():
+        raise ProblemError(f"{place}: {part} where a number is needed, not a function of time")

@@ -1,0 +1,81 @@
+"""Meshes of a phase: the schemes of its intervals joined into one table."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate
+from typing import final
+
+import numpy as np
+from scipy import sparse
+
+from socp.errors import MethodError
+from socp.schemes import Scheme, Side
+
+Mesh = Sequence[tuple[float, Scheme]]  # intervals of one phase: (share of its length, scheme)
+
+
+def uniform(scheme: Scheme, intervals: int) -> Mesh:
+    """Return a mesh of equal intervals; MethodError for fewer than one."""
+    if intervals < 1:
+        raise MethodError(f"mesh: {intervals} intervals where 1 or more are needed")
+    return [(1.0 / intervals, scheme)] * intervals
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Table:
+    """The schemes of a mesh put together on [0, 1]: defects A X - length * B F = 0 over all n nodes of a phase.
+
+    tau (n,); A and B (m, n) sparse; weights (n,) sum to 1; mesh (k + 1,) node indices of the interval ends.
+    """
+
+    tau: np.ndarray
+    A: sparse.csr_matrix
+    B: sparse.csr_matrix
+    weights: np.ndarray
+    mesh: np.ndarray
+    side: Side
+
+    @cached_property
+    def collocated(self) -> np.ndarray:
+        """Indices of the nodes that carry a control."""
+        return np.flatnonzero(self.weights > 0)
+
+
+def table(mesh: Mesh) -> Table:
+    """Join the intervals of a mesh; neighbours share the node between them.
+
+    Raises MethodError for a mesh without intervals, a share that is not positive, or schemes that do not fit together.
+    """
+    _check(mesh)
+    shares = np.array([share for share, _ in mesh], dtype=float) / sum(share for share, _ in mesh)
+    ends = np.append(0.0, np.cumsum(shares))
+    corners = np.array(list(accumulate((s.nodes.size - 1 for _, s in mesh), initial=0)))
+    tau, weights = np.zeros(corners[-1] + 1), np.zeros(corners[-1] + 1)
+    entries: list[tuple[np.ndarray, ...]] = []
+    for k, (_, scheme) in enumerate(mesh):
+        here = slice(corners[k], corners[k + 1] + 1)
+        tau[here] = ends[k] + shares[k] * (scheme.nodes + 1.0) / 2.0
+        weights[here] += shares[k] / 2.0 * scheme.weights
+        row, column = (place.ravel() + corners[k] for place in np.indices(scheme.A.shape))
+        entries.append((row, column, scheme.A.ravel(), shares[k] / 2.0 * scheme.B.ravel()))
+    tau[-1] = 1.0
+    rows, columns, a, b = (np.concatenate(part) for part in zip(*entries, strict=True))
+    A, B = (_sparse(data, rows, columns, (corners[-1], tau.size)) for data in (a, b))
+    return Table(tau, A, B, weights, corners, mesh[0][1].side)
+
+
+def _check(mesh: Mesh) -> None:
+    if not mesh:
+        raise MethodError("mesh: a phase needs at least one interval")
+    for share, scheme in mesh:
+        if not 0.0 < share < np.inf:
+            raise MethodError(f"mesh: an interval has share {share} of its phase where a positive number is needed")
+        if scheme.side != mesh[0][1].side:
+            raise MethodError(f"mesh: {mesh[0][1].name} and {scheme.name} collocate different ends; use one of them")
+
+
+def _sparse(data: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) -> sparse.csr_matrix:
+    kept = data != 0
+    return sparse.csr_matrix((data[kept], (rows[kept], columns[kept])), shape)

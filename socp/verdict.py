@@ -1,0 +1,96 @@
+"""Verdicts: what is known of a solution, each answer with its margin."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import final
+
+FEASIBLE = 1e-2  # a miss of one per cent of the states' own magnitude: what a grid of some hundred steps reaches
+EXTREMAL = 1e-6  # residuals of the principle, relative to the Hamiltonian's own terms: six digits, which no grid reaches by luck
+
+RINGS = 1.5  # half as much variation again as the control's running mean: more than the shape of any arc adds
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One condition of Pontryagin's principle: its worst residual relative to the Hamiltonian's magnitude, where and when.
+
+    `residual` is dimensionless; it holds if it is at most `EXTREMAL`.
+    """
+
+    condition: str
+    residual: float
+    where: str = ""
+    t: float | None = None
+
+    @property
+    def holds(self) -> bool:
+        """Whether the residual is within the tolerance."""
+        return self.residual <= EXTREMAL
+
+    def __str__(self) -> str:
+        place = f" on {self.where}" if self.where else ""
+        when = f" at t = {self.t:.6g}" if self.t is not None else ""
+        return f"{self.condition}{place}{when}: {self.residual:.1e}"
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """The judgement of one solution by `socp.pmp.certify`.
+
+    - miss: worst relative violation found by re-integration;
+    - findings: every condition of the principle with its residual;
+    - distance: the least worst-case residual that any multipliers leave, proved by a linear programme (over its nodes); None
+      where the first multipliers already served;
+    - normality: the cost's own share of the Hamiltonian's magnitude, near 0 for an abnormal extremal;
+    - legendre_clebsch: singular stretch -> the generalised Legendre-Clebsch expression at its worst, relative, not negative;
+    - margins: bang stretch -> how far its switching function comes to the right side of zero, relative;
+    - ringing: control -> total variation over that of its running mean, 1 for none;
+    - objective_error, in the objective's units, and switch_errors, pairs (switching time, error): estimates;
+    - digits: significant digits of the objective that the estimate leaves.
+    """
+
+    miss: float
+    findings: tuple[Finding, ...]
+    distance: float | None = None
+    normality: float = 1.0
+    legendre_clebsch: Mapping[str, float] = field(default_factory=dict)
+    margins: Mapping[str, float] = field(default_factory=dict)
+    ringing: Mapping[str, float] = field(default_factory=dict)
+    objective_error: float = float("nan")
+    switch_errors: tuple[tuple[float, float], ...] = ()
+    digits: int = 0
+    notes: tuple[str, ...] = ()
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the re-integrated control meets all conditions within `FEASIBLE`."""
+        return self.miss <= FEASIBLE
+
+    @property
+    def residual(self) -> float:
+        """Worst residual of the principle."""
+        return max((finding.residual for finding in self.findings), default=float("inf"))
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What stands against the solution being an extremal, worst first; empty if nothing does."""
+        broken = sorted((f for f in self.findings if not f.holds), key=lambda f: -f.residual)
+        found = [str(finding) for finding in broken]
+        if not self.miss <= EXTREMAL:
+            found.insert(0, f"the re-integrated control misses its conditions by {self.miss:.1e}")
+        level = min(self.residual, EXTREMAL)  # a sign shows only where it stands out of the residuals
+        found += [f"no strict sign of the switching function on {k}: {m:.1e}" for k, m in self.margins.items() if m <= level]
+        found += [f"Legendre-Clebsch condition on {k}: {v:.1e}" for k, v in self.legendre_clebsch.items() if v < -EXTREMAL]
+        return tuple(found)
+
+    @property
+    def extremal(self) -> bool:
+        """Whether every condition of the principle holds within `EXTREMAL`, feasibility and strict signs included."""
+        return bool(self.findings) and not self.reasons
+
+    @property
+    def rings(self) -> tuple[str, ...]:
+        """Names of the controls that ring."""
+        return tuple(name for name, ratio in self.ringing.items() if ratio > RINGS)
