@@ -3,7 +3,20 @@
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from socp import Backend, Ipopt, Method, Problem, Solution, Watch, hookimpl, option, silent, single_phase, solve_collocated, uniform
+from socp import (
+    Backend,
+    Ipopt,
+    Method,
+    Problem,
+    Solution,
+    Watch,
+    hookimpl,
+    option,
+    silent,
+    single_phase,
+    solve_collocated,
+    uniform,
+)
 from socp.schemes import hermite_simpson
 
 
@@ -19,7 +32,9 @@ class HermiteSimpson(Method):
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
         """Solve on one phase."""
-        return solve_collocated(single_phase(problem), [uniform(hermite_simpson(), self.steps)], self.backend, guess, watch)
+        return solve_collocated(
+            single_phase(problem), [uniform(hermite_simpson(), self.steps)], self.backend, guess, watch
+        )
 
 
 @hookimpl

@@ -3,7 +3,20 @@
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from socp import Backend, Ipopt, Method, Problem, Solution, Watch, hookimpl, option, silent, single_phase, solve_collocated, uniform
+from socp import (
+    Backend,
+    Ipopt,
+    Method,
+    Problem,
+    Solution,
+    Watch,
+    hookimpl,
+    option,
+    silent,
+    single_phase,
+    solve_collocated,
+    uniform,
+)
 from socp.schemes import lgr
 
 
@@ -20,7 +33,9 @@ class Lgr(Method):
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
         """Solve on one phase."""
-        return solve_collocated(single_phase(problem), [uniform(lgr(self.points), self.intervals)], self.backend, guess, watch)
+        return solve_collocated(
+            single_phase(problem), [uniform(lgr(self.points), self.intervals)], self.backend, guess, watch
+        )
 
 
 @hookimpl

@@ -3,7 +3,20 @@
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from socp import Backend, Ipopt, Method, Problem, Solution, Watch, hookimpl, option, silent, single_phase, solve_collocated, uniform
+from socp import (
+    Backend,
+    Ipopt,
+    Method,
+    Problem,
+    Solution,
+    Watch,
+    hookimpl,
+    option,
+    silent,
+    single_phase,
+    solve_collocated,
+    uniform,
+)
 from socp.schemes import trapezoid
 
 

@@ -1,7 +1,7 @@
 """The adjoint equation along a given solution, condensed: costates as affine functions of a few unknown multipliers."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import final
 
@@ -13,10 +13,14 @@ from socp.schemes import lgr
 from socp.solution import Arc, Solution
 from socp.symbols import column, time
 
-POINTS = 10  # collocation points an interval: order 19, so that the judge's own error stays below what it judges
-_INTERVALS = 16  # of the judge's mesh in one arc at most; finer meshes are joined in groups
-_CUTS = 64  # switches and touches that get a joint of their own; more than that is ringing, which a uniform mesh shows as well
-ACTIVE = 1e-4  # of the range of a state constraint's values on the solution: as near counts as on it
+# collocation points an interval: order 19, so that the judge's own error stays below what it judges
+POINTS = 10
+# intervals of the judge's mesh in one arc at most; finer meshes are joined in groups
+_INTERVALS = 16
+# switches and touches that get a joint of their own; more than that is ringing, which a uniform mesh shows as well
+_CUTS = 64
+# of the range of a state constraint's values on the solution: as near counts as on it
+ACTIVE = 1e-4
 
 
 @final
@@ -24,9 +28,9 @@ ACTIVE = 1e-4  # of the range of a state constraint's values on the solution: as
 class Samples:
     """The judge's nodes: k intervals of d + 1 nodes in time order, so that joints stand twice, once from either side.
 
-    t (n,); x (nx, n); u (nu, n); arc (n,) index of the arc of the solution; edges (k + 1,); values of the problem there:
-    f (nx, n), L (n,), fx (n, nx, nx), Lx (nx, n), G (n, nx, nu), L1 (nu, n), ft (nx, n), Lt (n,), c (nc, n), cx (n, nc, nx),
-    ct (nc, n), fp (n, nx, np), Lp (np, n).
+    t (n,); x (nx, n); u (nu, n); arc (n,) index of the arc of the solution; edges (k + 1,); values of the problem
+    there: f (nx, n), L (n,), fx (n, nx, nx), Lx (nx, n), G (n, nx, nu), L1 (nu, n), ft (nx, n), Lt (n,), c (nc, n),
+    cx (n, nc, nx), ct (nc, n), fp (n, nx, np), Lp (np, n).
     """
 
     problem: Problem
@@ -57,7 +61,8 @@ class Samples:
         named = {
             "f": f, "L": L, "fx": casadi.jacobian(f, x), "Lx": casadi.jacobian(L, x).T, "G": problem.fields,
             "L1": casadi.jacobian(L, u).T, "ft": casadi.jacobian(f, time), "Lt": casadi.jacobian(L, time), "c": c,
-            "cx": casadi.jacobian(c, x), "ct": casadi.jacobian(c, time), "fp": casadi.jacobian(f, p), "Lp": casadi.jacobian(L, p).T,
+            "cx": casadi.jacobian(c, x), "ct": casadi.jacobian(c, time), "fp": casadi.jacobian(f, p), "Lp":
+            casadi.jacobian(L, p).T,
         }  # fmt: skip
         dense = [casadi.densify(expression) for expression in named.values()]
         function = casadi.Function("along", [x, u, time, p], dense)
@@ -67,7 +72,9 @@ class Samples:
             rows, columns = expression.shape
             block = result.full().reshape(rows, n, columns) if columns else np.empty((rows, n, 0))
             matrix = name in {"fx", "G", "cx", "fp"}
-            found[name] = block.transpose(1, 0, 2) if matrix else block[:, :, 0] if columns == 1 else block.reshape(rows, n)
+            found[name] = (
+                block.transpose(1, 0, 2) if matrix else block[:, :, 0] if columns == 1 else block.reshape(rows, n)
+            )
         found["L"], found["Lt"] = found["L"][0], found["Lt"][0]
         return found
 
@@ -76,7 +83,9 @@ def sample(problem: Problem, solution: Solution) -> Samples:
     """Lay the judge's nodes over a solution: along its arcs, cut where controls switch and where constraints touch."""
     cuts = np.array([*solution.switches, *_touches(problem, solution)])
     cuts = cuts if cuts.size <= _CUTS else np.empty(0)
-    shortest = 1e-9 * (solution.final_time - solution.initial_time)  # shorter arcs are points: their nodes differ by rounding alone
+    shortest = 1e-9 * (
+        solution.final_time - solution.initial_time
+    )  # shorter arcs are points: their nodes differ by rounding alone
     tau = (lgr(POINTS).nodes + 1.0) / 2.0
     edges, ts, xs, us, arcs = [solution.initial_time], [], [], [], []
     for index, arc in enumerate(solution.arcs):
@@ -113,18 +122,23 @@ def _touches(problem: Problem, solution: Solution) -> list[float]:
     found: list[float] = []
     grids = [np.linspace(arc.t[0], arc.t[-1], 20 * min(len(arc.mesh), 50) + 1) for arc in solution.arcs]
     for constraint in problem.constraints:
-        values = [constraint_values(problem, solution, constraint, t, arc.at(t)) for t, arc in zip(grids, solution.arcs, strict=True)]
+        values = [
+            constraint_values(problem, solution, constraint, t, arc.at(t))
+            for t, arc in zip(grids, solution.arcs, strict=True)
+        ]
         level = -ACTIVE * max(float(np.ptp(np.concatenate(values))), 1e-300)
         for t, c in zip(grids, values, strict=True):
             near = c > level
-            for run in np.split(np.arange(t.size), np.flatnonzero(np.diff(near.astype(int))) + 1):
-                # a parabola stays as near as ACTIVE to its peak for 2 sqrt(ACTIVE) of its span; what stays longer is a boundary arc
-                if near[run[0]] and run.size < 5.0 * np.sqrt(ACTIVE) * t.size and 0 < run[0] and run[-1] < t.size - 1:
-                    found.append(float(t[run[np.argmax(c[run])]]))
+            runs = np.split(np.arange(t.size), np.flatnonzero(np.diff(near.astype(int))) + 1)
+            # a parabola is within ACTIVE of its peak for 2 sqrt(ACTIVE) of its span; a boundary arc stays longer
+            short = [run for run in runs if near[run[0]] and run.size < 5.0 * np.sqrt(ACTIVE) * t.size]
+            found += [float(t[run[np.argmax(c[run])]]) for run in short if run[0] > 0 and run[-1] < t.size - 1]
     return found
 
 
-def constraint_values(problem: Problem, solution: Solution, constraint: Constraint, t: np.ndarray, x: np.ndarray) -> np.ndarray:
+def constraint_values(
+    problem: Problem, solution: Solution, constraint: Constraint, t: np.ndarray, x: np.ndarray
+) -> np.ndarray:
     """Evaluate a state constraint at times t (n,) and states x (nx, n); returns (n,)."""
     p = column(solution.parameters[name] for name in problem.parameter_names)
     function = casadi.Function("c", [problem.x, time], [casadi.substitute(constraint.expression, problem.p, p)])
@@ -136,19 +150,18 @@ def constraint_values(problem: Problem, solution: Solution, constraint: Constrai
 class Unknowns:
     """The multipliers that are looked for, as columns of z: what each one is and where.
 
-    ends: rows (nx, columns) of the final costate; mu: (constraint, interval) blocks of d nodes; jumps: (constraint, joint k at
-    edges[k]). `labels` tells the user what a column is.
+    ends: rows (nx, columns) of the final costate; mu: (constraint, interval) blocks of d nodes; jumps: (constraint,
+    joint k at edges[k]).
     """
 
     ends: np.ndarray
     mu: Sequence[tuple[int, int]] = ()
     jumps: Sequence[tuple[int, int]] = ()
-    labels: Sequence[str] = field(default_factory=tuple)
 
     @property
     def size(self) -> int:
         """Number of unknowns."""
-        return self.ends.shape[1] + POINTS * len(self.mu) + len(self.jumps)
+        return int(self.ends.shape[1]) + POINTS * len(self.mu) + len(self.jumps)
 
     def mu_columns(self, block: int) -> slice:
         """Return the columns of one block of constraint multipliers."""
@@ -157,7 +170,7 @@ class Unknowns:
 
     def jump_column(self, jump: int) -> int:
         """Return the column of one jump."""
-        return self.ends.shape[1] + POINTS * len(self.mu) + jump
+        return int(self.ends.shape[1]) + POINTS * len(self.mu) + jump
 
 
 @final
@@ -178,8 +191,8 @@ class Costates:
 def condense(samples: Samples, unknowns: Unknowns, end: np.ndarray) -> Costates:
     """Integrate lambda' = -H_x - mu c_x backwards from lambda(tf) = end (nx,) + unknowns, by Radau collocation.
 
-    Backwards the adjoint equation is as stable as the state equation forwards, so condensing loses no digits there. At a joint
-    lambda(t-) = lambda(t+) + jump c_x (Hartl, Sethi, Vickson, SIAM Review 37, 1995, theorem 4.1).
+    Backwards the adjoint equation is as stable as the state equation forwards, so condensing loses no digits there.
+    At a joint lambda(t-) = lambda(t+) + jump c_x (Hartl, Sethi, Vickson, SIAM Review 37, 1995, theorem 4.1).
     """
     scheme, v, nx, d = lgr(POINTS), samples.values, samples.x.shape[0], POINTS
     n, nc, nz = samples.t.size, v["cx"].shape[1], unknowns.size
@@ -215,4 +228,6 @@ def condense(samples: Samples, unknowns: Unknowns, end: np.ndarray) -> Costates:
 def _extrapolation() -> np.ndarray:
     """Return the weights (d,) that extend a polynomial from the collocated nodes to the end of an interval."""
     nodes = lgr(POINTS).nodes
-    return np.array([np.prod((1.0 - np.delete(nodes[:-1], j)) / (nodes[j] - np.delete(nodes[:-1], j))) for j in range(POINTS)])
+    return np.array(
+        [np.prod((1.0 - np.delete(nodes[:-1], j)) / (nodes[j] - np.delete(nodes[:-1], j))) for j in range(POINTS)]
+    )

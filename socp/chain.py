@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from socp import pmp
+from socp.given import check_laws
 from socp.method import Method, check_options, options
 from socp.nlp import Watch, silent
 from socp.problem import Problem
@@ -22,9 +23,11 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
     """Solve with a method and return its solution stamped with name, options and versions, verified and judged.
 
     Ctrl-C while it is judged gives the solution without a verdict.
-    Raises MethodError for options out of range and for what the method cannot try, ProblemError for a wrong user-given law.
+    Raises MethodError for options out of range and for what the method cannot try, ProblemError for a wrong
+    user-given law.
     """
     check_options(method)
+    check_laws(problem)
     solution = method.solve(problem, guess, watch)
     solution = replace(solution, method=method.name, options=described(method), versions=versions())
     try:
@@ -34,9 +37,10 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
 
 
 def judge(problem: Problem, solution: Solution) -> Solution:
-    """Return a solution with its structure, its verification by re-integration, and its verdict, all worked out anew."""
+    """Return a solution with its structure, its verification and its verdict, all worked out anew."""
     if not all(np.isfinite(arc.x).all() and np.isfinite(arc.u).all() for arc in solution.arcs):
-        return replace(solution, verified=(), verdict=Verdict(miss=float("inf"), notes=("the solution is not finite",)))
+        verdict = Verdict(miss=float("inf"), notes=("the solution is not finite",))
+        return replace(solution, verified=(), verdict=verdict)
     began = time.perf_counter()
     solution = replace(solution, structure=structure(problem, solution))
     solution = replace(solution, verified=verify(problem, solution))

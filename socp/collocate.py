@@ -24,9 +24,9 @@ def collocate(phased: PhasedProblem, meshes: Sequence[Mesh]) -> Reduced[NLP, Sol
     """Transcribe a phased problem on one mesh a phase.
 
     Variables: initial time, phase lengths, parameters, states at all nodes (shared between neighbours), free controls
-    at the collocated nodes. `lift` gives costates by the covector map: -(B' multipliers) / weights at collocated nodes,
-    the sensitivity of the phase's Lagrangian at its two ends (second order for the trapezoid, where the former is of
-    first). Raises MethodError where the meshes do not fit the phases.
+    at the collocated nodes. `lift` gives costates by the covector map: -(B' multipliers) / weights at collocated nodes
+    within an interval, and where intervals meet the sensitivity of the Lagrangian, which has the order of the scheme
+    (on the side of the jump that is collocated). Raises MethodError where the meshes do not fit the phases.
     """
     if len(meshes) != len(phased.phases):
         raise MethodError(f"{len(meshes)} meshes for {len(phased.phases)} phases; give one mesh a phase")
@@ -37,7 +37,7 @@ def collocate(phased: PhasedProblem, meshes: Sequence[Mesh]) -> Reduced[NLP, Sol
     _conditions(grid, rows)
     layout = _layout(grid, defects, path)
     mayer = casadi.substitute(phased.of.mayer, _end_symbols(phased), _end_values(grid))
-    v = casadi.vertcat(grid.starts[0], grid.lengths, grid.p, casadi.vec(grid.X), *map(casadi.vec, grid.V))
+    v = casadi.vertcat(grid.starts[0], grid.lengths, grid.p, casadi.vec(grid.X), *map(casadi.vec, [*grid.V, *grid.Y]))
     nlp = NLP(
         v=v, f=cost + mayer, g=casadi.vertcat(casadi.SX(0, 1), *rows.blocks), v_box=_box(layout),
         g_box=np.hstack([np.zeros((2, 0)), *([low, high] for low, high in zip(rows.low, rows.high, strict=True))]),
@@ -52,7 +52,7 @@ class _Grid:
     """The symbols of a transcription.
 
     first: first node of every phase and the last node; lengths (phases, 1); p (np, 1); X (nx, nodes); V: free controls
-    (nv, collocated) a phase; starts: times at which the phases begin, and the final time.
+    (nv, collocated) a phase; Y: carried quantities (ny, its nodes) a phase; starts: times at which the phases begin, and the final time.
     """
 
     phased: PhasedProblem
@@ -62,6 +62,7 @@ class _Grid:
     p: Expr
     X: Expr
     V: list[Expr]
+    Y: list[Expr]
     starts: list[Expr]
 
     def times(self, k: int) -> Expr:
@@ -77,6 +78,7 @@ def _grid(phased: PhasedProblem, tables: list[Table]) -> _Grid:
         p=casadi.SX.sym("p", phased.of.p.numel()),
         X=casadi.SX.sym("X", phased.of.x.numel(), first[-1] + 1),
         V=[casadi.SX.sym("V", f.free.numel(), t.collocated.size) for f, t in zip(phased.phases, tables, strict=True)],
+        Y=[casadi.SX.sym("Y", f.carried.numel(), t.tau.size) for f, t in zip(phased.phases, tables, strict=True)],
         starts=[t0, *(t0 + casadi.sum1(lengths[: k + 1]) for k in range(len(tables)))],
     )  # fmt: skip
 
@@ -100,18 +102,25 @@ class _Rows:
 
 
 def _dynamics(grid: _Grid, rows: _Rows) -> tuple[Expr, list[slice]]:
-    """Add the defects of every phase; returns the integral of the running cost and the rows of the defects."""
-    problem, cost, defects = grid.phased.of, casadi.SX(0), []
+    """Add the defects of every phase and the boxes of its laws; returns running cost and the rows of the defects."""
+    problem, cost, defects, laws = grid.phased.of, casadi.SX(0), [], []
     for k, (t, phase) in enumerate(zip(grid.tables, grid.phased.phases, strict=True)):
-        given = [problem.x, phase.free, time, problem.p]
+        given = [problem.x, phase.free, phase.carried, time, problem.p]
         rate, running = (casadi.substitute(e, problem.u, phase.control) for e in (problem.rate, problem.lagrangian))
         at, length = t.collocated.tolist(), grid.lengths[k]
         X = grid.X[:, grid.first[k] : grid.first[k + 1] + 1]
-        function = casadi.Function("rate", given, [rate, running])
-        F, L = mapped(function, [X[:, at], grid.V[k], grid.times(k)[:, at], grid.p])
+        along = [X[:, at], grid.V[k], grid.Y[k][:, at], grid.times(k)[:, at], grid.p]
+        function = casadi.Function("rate", given, [casadi.vertcat(rate, phase.carried_rate), running])
+        F, L = mapped(function, along)
+        for i in [i for i, mode in enumerate(phase.modes) if phase.boxed and mode.kind in {"singular", "boundary"}]:
+            if not phase.control[i].is_constant():
+                (values,) = mapped(casadi.Function("law", given, [phase.control[i]]), along)
+                laws.append((values, *problem.box[:, i]))
         cost += length * casadi.dot(L.T, casadi.DM(t.weights[at]))
-        left = casadi.mtimes(X, casadi.DM(t.A).T)
+        left = casadi.mtimes(casadi.vertcat(X, grid.Y[k]), casadi.DM(t.A).T)
         defects.append(rows.add(left - length * casadi.mtimes(F, casadi.DM(t.B[:, at]).T), 0.0, 0.0))
+    for values, low, high in laws:
+        rows.add(values, low, high)
     return cost, defects
 
 
@@ -142,8 +151,8 @@ def _conditions(grid: _Grid, rows: _Rows) -> None:
     phased, problem = grid.phased, grid.phased.of
     for k, phase in enumerate(phased.phases):
         if phase.entry:
-            entry = casadi.Function("entry", [problem.x, time, problem.p], [column(phase.entry)])
-            rows.add(entry(grid.X[:, grid.first[k]], grid.starts[k], grid.p), 0.0, 0.0)
+            entry = casadi.Function("entry", [problem.x, phase.carried, time, problem.p], [column(phase.entry)])
+            rows.add(entry(grid.X[:, grid.first[k]], grid.Y[k][:, 0], grid.starts[k], grid.p), 0.0, 0.0)
     for condition in problem.conditions:
         value = casadi.substitute(condition.expression, _end_symbols(phased), _end_values(grid))
         rows.add(value, 0.0 if condition.equation else -np.inf, 0.0)
@@ -160,11 +169,12 @@ def _end_values(grid: _Grid) -> Expr:
 
 
 def _layout(grid: _Grid, defects: list[slice], path: dict[str, tuple[np.ndarray, slice]]) -> Layout:
-    sizes = [1, len(grid.tables), grid.p.numel(), grid.X.numel(), *(each.numel() for each in grid.V)]
-    _, lengths, parameters, states, *free = (slice(a, b) for a, b in pairwise(accumulate(sizes, initial=0)))
+    sizes = [1, len(grid.tables), grid.p.numel(), grid.X.numel(), *(each.numel() for each in [*grid.V, *grid.Y])]
+    _, lengths, parameters, states, *rest = (slice(a, b) for a, b in pairwise(accumulate(sizes, initial=0)))
+    free, carried = rest[: len(grid.V)], rest[len(grid.V) :]
     return Layout(
         phased=grid.phased, tables=grid.tables, first=grid.first, lengths=lengths, parameters=parameters, states=states,
-        free=free, defects=defects, path=path,
+        free=free, carried=carried, defects=defects, path=path,
     )  # fmt: skip
 
 
@@ -180,4 +190,6 @@ def _box(layout: Layout) -> np.ndarray:
     lengths = np.array([phase.length for phase in layout.phased.phases]).T
     times = np.array(problem.initial_time_box)[:, None]
     free = [np.tile(phase.box, t.collocated.size) for phase, t in zip(phased.phases, layout.tables, strict=True)]
-    return np.hstack([times, lengths, problem.parameter_box, [low.T.ravel(), high.T.ravel()], *free])
+    carried = sum(each.stop - each.start for each in layout.carried)
+    unbounded = np.repeat([[-np.inf], [np.inf]], carried, axis=1)
+    return np.hstack([times, lengths, problem.parameter_box, [low.T.ravel(), high.T.ravel()], *free, unbounded])

@@ -10,7 +10,7 @@ import numpy as np
 
 from socp import points as sampled
 from socp.brackets import extended
-from socp.extremal import Setting, known_rows, reduced
+from socp.extremal import Setting, reduced
 from socp.factors import cramer, determinant, ratio
 from socp.singular import Chain, matrix_of
 from socp.symbols import Expr, column
@@ -38,7 +38,7 @@ def with_costate(setting: Setting, chain: Chain) -> Expr:
 
 def feedback(setting: Setting, chain: Chain) -> Feedback | None:
     """Return the singular controls without the costate, by the conditions alone or, failing that, with H; None if neither will do."""
-    for extra in ([], known_rows(setting)) if known_rows(setting) else ([],):
+    for extra in ([], setting.energy) if setting.energy else ([],):
         rows = casadi.vertcat(*chain.rows, *extra)
         if _independent(setting, chain, rows):
             control = _eliminated(setting, chain, rows)
@@ -49,7 +49,7 @@ def feedback(setting: Setting, chain: Chain) -> Feedback | None:
 
 def surface(setting: Setting, chain: Chain) -> Expr:
     """Return equations (m, 1) in x, t, p alone that hold on the arc: where it can be, when the conditions leave no costate else."""
-    rows = casadi.vertcat(*chain.rows, *known_rows(setting))
+    rows = casadi.vertcat(*chain.rows, *setting.energy)
     picked, columns = _pivots(setting, chain.points, rows)
     found = []
     for extra in (k for k in range(rows.shape[0]) if k not in picked):

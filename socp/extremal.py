@@ -38,6 +38,17 @@ class Setting:
         """Symbols of the singular controls (k, 1)."""
         return column(self.problem.u[i] for i in self.singular)
 
+    @cached_property
+    def energy(self) -> list[Expr]:
+        """The row of H minus its value where the problem tells it, else nothing; controls with sigma = 0 drop out of H."""
+        value, problem = hamiltonian_value(self.problem), self.problem
+        if value is None:
+            return []
+        idle = column(problem.u[i] for i in (*self.singular, *self.boundary))
+        row = hamiltonian_row(problem, casadi.substitute(self.given, idle, casadi.SX.zeros(idle.numel(), 1)))
+        row[problem.x.numel()] -= value
+        return [casadi.sparsify(row)]
+
     def name(self) -> str:
         """Return the arc in words, for messages."""
         names = self.problem.control_names
@@ -115,9 +126,20 @@ def contact(setting: Setting) -> Contact:
     numerators, denominator = cramer(matrix, -casadi.substitute(column(tops), own, 0))
     if len(towers) < len(setting.boundary) or not sampled.nonzero(problem, denominator, at).all():
         raise MethodError(f"{setting.name()}: the constraints do not determine these controls one by one")
-    laws = column(ratio(numerators[k], denominator) for k in range(own.numel()))
+    laws = _held_fixed(problem, held, column(ratio(numerators[k], denominator) for k in range(own.numel())))
     control = casadi.substitute(setting.given, own, laws)
     return _multipliers(setting, Contact(control, towers, flow(problem, control)))
+
+
+def _held_fixed(problem: Problem, held: Expr, laws: Expr) -> Expr:
+    """Put numbers in place of the states that the equations `held` (m, 1) fix one by one: on u = 2 a law u |u| is 4."""
+    for e in casadi.vertsplit(held):
+        inside = casadi.symvar(e)
+        if len(inside) == 1 and casadi.depends_on(problem.x, inside[0]):
+            slope = casadi.simplify(casadi.jacobian(e, inside[0]))
+            if slope.is_constant():
+                laws = casadi.substitute(laws, inside[0], -casadi.substitute(e, inside[0], 0) / slope)
+    return laws
 
 
 def _acts(setting: Setting, j: int, constraint: Constraint, found: tuple[list[Expr], Expr]) -> None:
@@ -174,7 +196,7 @@ def equations(setting: Setting, touch: Contact, rows: Sequence[Expr]) -> Expr:
     Where all is linear in the costate, its length is fixed to one, so that it cannot vanish.
     """
     problem = setting.problem
-    stack = casadi.vertcat(*rows, *known_rows(setting))
+    stack = casadi.vertcat(*rows, *setting.energy)
     found = casadi.vertcat(casadi.mtimes(stack, extended(problem)), touch.held)
     if homogeneous(problem):
         size = sampled.spread(problem)[1 + problem.x.numel() + problem.p.numel() :][: problem.x.numel()]
@@ -185,17 +207,6 @@ def equations(setting: Setting, touch: Contact, rows: Sequence[Expr]) -> Expr:
 def homogeneous(problem: Problem) -> bool:
     """Tell whether every condition is linear in the costate alone, so that it is known up to its length only."""
     return not casadi.sparsify(problem.lagrangian).nnz() and not hamiltonian_value(problem)
-
-
-def known_rows(setting: Setting) -> list[Expr]:
-    """Return the row of H minus its value where the problem tells it, else nothing; controls with sigma = 0 drop out of H."""
-    value, problem = hamiltonian_value(setting.problem), setting.problem
-    if value is None:
-        return []
-    idle = [*setting.singular, *setting.boundary]
-    row = hamiltonian_row(problem, casadi.substitute(setting.given, column(problem.u[i] for i in idle), casadi.SX.zeros(len(idle), 1)))
-    row[problem.x.numel()] -= value
-    return [casadi.sparsify(row)]
 
 
 def reduced(row: Expr) -> tuple[Expr, Expr]:

@@ -1,5 +1,6 @@
 """The guess of a problem: what its file says, straight lines and the middle of the box elsewhere."""
 
+import itertools
 from typing import Any
 
 import casadi
@@ -7,16 +8,18 @@ import numpy as np
 
 from socp.problem import Problem
 from socp.solution import Arc, Solution, Stop
+from socp.structure import misfit
 from socp.symbols import column, final_time, initial_time, time
+from socp.word import Word
 
 _NODES = 101  # a guess that varies in time is sampled as finely as a plot would be
 
 
 def default_guess(problem: Problem) -> Solution:
-    """Return a straight-line guess with one arc: from start to end values, controls as near to zero as their box allows.
+    """Return a straight-line guess with one arc: from start to end, controls as near to zero as their box allows.
 
-    What the problem's own `guess` says takes precedence. A free final time is estimated from how fast the box of controls
-    can move the states over the distance they have to go.
+    What the problem's own `guess` says takes precedence. A free final time is estimated from how fast the box of
+    controls can move the states over the distance they have to go.
     """
     first = _within(problem.guess.get(initial_time), problem.initial_time_box, 0.0)
     x0, xf = _ends(problem)
@@ -29,7 +32,10 @@ def default_guess(problem: Problem) -> Solution:
     share = np.linspace(0.0, 1.0, _NODES)
     x = x0[:, None] + (xf - x0)[:, None] * share
     u = np.repeat(np.clip(0.0, *problem.box)[:, None], _NODES, axis=1)
-    p = {name: _within(None, tuple(box), 0.0) for name, box in zip(problem.parameter_names, problem.parameter_box.T, strict=True)}
+    p = {
+        name: _within(None, tuple(box), 0.0)
+        for name, box in zip(problem.parameter_names, problem.parameter_box.T, strict=True)
+    }
     for symbol, value in problem.guess.items():
         if symbol.name() in problem.state_names and symbol in problem.dynamics:
             x[problem.state_names.index(symbol.name())] = _row(value, t, share)
@@ -40,7 +46,9 @@ def default_guess(problem: Problem) -> Solution:
     return guess_of(problem, t, x, u, p)
 
 
-def guess_of(problem: Problem, t: np.ndarray, x: np.ndarray, u: np.ndarray, p: dict[str, float] | None = None) -> Solution:
+def guess_of(
+    problem: Problem, t: np.ndarray, x: np.ndarray, u: np.ndarray, p: dict[str, float] | None = None
+) -> Solution:
     """Return values at times t (n,), x (nx, n) and u (nu, n) as a piecewise linear guess of one arc."""
     unknown = np.full_like(x, np.nan)
     arc = Arc(t=t, x=x, u=u, costate=unknown, mesh=np.arange(t.size), side="both", modes=("*",) * u.shape[0])
@@ -55,19 +63,44 @@ def split(guess: Solution, lengths: list[float]) -> Solution:
     share = np.cumsum([0.0, *lengths]) / sum(lengths)
     corners = guess.initial_time + share * (guess.final_time - guess.initial_time)
     arcs = []
-    for a, b in zip(corners[:-1], corners[1:], strict=True):
+    for a, b in itertools.pairwise(corners):
         t = np.linspace(a, b, _NODES)
         x, u, costate = (guess.at(t, which) for which in ("x", "u", "costate"))
         arcs.append(Arc(t=t, x=x, u=u, costate=costate, mesh=np.arange(t.size), side="both", modes=("*",) * u.shape[0]))
-    fields: dict[str, Any] = {name: getattr(guess, name) for name in ("problem", "state_names", "control_names", "parameters")}
-    return Solution(method="guess", arcs=tuple(arcs), objective=float("nan"), stop=Stop.FAILED, message="a guess", **fields)
+    fields: dict[str, Any] = {
+        name: getattr(guess, name) for name in ("problem", "state_names", "control_names", "parameters")
+    }
+    return Solution(
+        method="guess", arcs=tuple(arcs), objective=float("nan"), stop=Stop.FAILED, message="a guess", **fields
+    )
+
+
+def arranged(problem: Problem, solution: Solution, word: Word) -> Solution:
+    """Return a solution as a guess with the arcs of a word, cut where its controls fit the word best.
+
+    The cuts minimise the summed misfit of a uniform grid of intervals to the modes they fall into, by dynamic programming.
+    """
+    t = np.linspace(solution.initial_time, solution.final_time, 2 * _NODES + 1)[1::2]
+    cost = np.array([sum(misfit(problem, solution, i, mode, t) for i, mode in enumerate(arc)) for arc in word.arcs])
+    total = np.cumsum(cost, axis=1)
+    best, cuts = total[0], []
+    for row in total[1:]:  # best[n]: least misfit of the first n + 1 intervals to the arcs so far
+        ahead = np.append(0.0, (best - row)[:-1])
+        ahead[0] = np.inf  # every arc keeps one interval at least
+        least = np.minimum.accumulate(ahead)
+        cuts.append(np.maximum.accumulate(np.where(ahead == least, np.arange(t.size), 0)))
+        best = least + row
+    ends = [t.size - 1]
+    for choice in reversed(cuts):
+        ends.append(int(choice[ends[-1]]) - 1)
+    return split(solution, np.diff([-1, *reversed(ends)]).clip(1).astype(float).tolist())
 
 
 def travel_time(problem: Problem, x0: np.ndarray, xf: np.ndarray, t0: float) -> float:
-    """Estimate how long the states need from x0 (nx,) to xf (nx,): T with |x'| T + |x''| T^2 / 2 = |xf - x0|, the worst state.
+    """Estimate the time from x0 (nx,) to xf (nx,): |x'| T + |x''| T^2 / 2 = |xf - x0| for the slowest state.
 
-    Rates and their derivatives are taken over samples of the line between the ends, of bounded states within their bounds and
-    of the box of controls. Returns 1 where nothing moves.
+    Rates and their derivatives are taken over samples of the line between the ends, of bounded states within their
+    bounds and of the box of controls. Returns 1 where nothing moves.
     """
     rate = problem.rate
     second = casadi.jtimes(rate, problem.x, rate) + casadi.jacobian(rate, time)
@@ -87,21 +120,24 @@ def travel_time(problem: Problem, x0: np.ndarray, xf: np.ndarray, t0: float) -> 
     with np.errstate(divide="ignore", invalid="ignore"):
         needed = 2.0 * distance / (first + np.sqrt(first**2 + 2.0 * curve * distance))
     needed = needed[np.isfinite(needed) & (needed > 0)]
-    return float(needed.max()) if needed.size else 1.0
+    # a state that these samples hardly move (one that a heading across the line would move) says nothing
+    return float(needed[needed <= 1e3 * needed.min()].max()) if needed.size else 1.0
 
 
 def _ends(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Return guessed values of the states at both ends: the given one, its neighbour at the other end, or near zero in its box."""
+    """Return guessed states at both ends: the given value, that of the other end, or the nearest to zero in the box."""
     box = problem.state_box
     ends = []
     for own, other in ((problem.start_box, problem.end_box), (problem.end_box, problem.start_box)):
-        middle = np.where(np.isfinite(other).all(axis=0), np.nan_to_num(other, posinf=0.0, neginf=0.0).mean(axis=0), 0.0)
+        middle = np.where(
+            np.isfinite(other).all(axis=0), np.nan_to_num(other, posinf=0.0, neginf=0.0).mean(axis=0), 0.0
+        )
         ends.append(np.clip(np.clip(middle, *own), *box))
     return ends[0], _reach(problem, *ends)
 
 
 def _reach(problem: Problem, x0: np.ndarray, xf: np.ndarray) -> np.ndarray:
-    """Move a guessed end state (nx,) as little as its end box allows until it meets the target conditions, by Gauss-Newton."""
+    """Move a guessed end state (nx,) within its box until it meets the target conditions, by Gauss-Newton."""
     if not problem.conditions:
         return xf
     values = column(c.expression if c.equation else casadi.fmax(c.expression, 0) for c in problem.conditions)

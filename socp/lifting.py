@@ -29,6 +29,7 @@ class Layout:
     parameters: slice
     states: slice
     free: list[slice]
+    carried: list[slice]
     defects: list[slice]
     path: dict[str, tuple[np.ndarray, slice]]
 
@@ -61,14 +62,20 @@ def push(layout: Layout, guess: Solution) -> NLPPoint:
     corners = np.linspace(guess.initial_time, guess.final_time, count + 1)
     if fitting:
         corners = np.array([guess.initial_time, *(arc.t[-1] for arc in guess.arcs)])
-    X, V = [], []
+    X, V, Y = [], [], []
     for k in range(count):
         source = guess.arcs[k] if fitting else guess
         x, free = _sampled(source, layout.phased.phases[k], layout.tables[k], (corners[k], corners[k + 1] - corners[k]))
         X.append(x[:, : None if k == count - 1 else -1])
         V.append(free.T.ravel())
+        Y.append(_carried(source, layout.phased.phases[k], corners[k] + (corners[k + 1] - corners[k]) * layout.tables[k].tau))
     p = [guess.parameters.get(name, 0.0) for name in problem.parameter_names]
-    return NLPPoint(v=np.concatenate([corners[:1], np.diff(corners), p, np.hstack(X).T.ravel(), *V]))
+    return NLPPoint(v=np.concatenate([corners[:1], np.diff(corners), p, np.hstack(X).T.ravel(), *V, *Y]))
+
+
+def _carried(source: Arc | Solution, phase: Phase, t: np.ndarray) -> np.ndarray:
+    """Return guessed costates (nx * n,) at times t (n,) where a phase carries them, 1 where the guess knows none."""
+    return np.nan_to_num(source.at(t, "costate"), nan=1.0).T.ravel() if phase.carried.numel() else np.empty(0)
 
 
 def _sampled(
@@ -107,11 +114,13 @@ def _arc(layout: Layout, point: NLPPoint, k: int) -> Arc:
     times = corners[k] + lengths[k] * t.tau
     times[-1] = corners[k + 1]
     free = _everywhere(v[layout.free[k]].reshape(t.collocated.size, -1).T, t, times)
-    given = [x, free, times[None, :], v[layout.parameters][:, None]]
-    symbols = [problem.x, phase.free, time, problem.p]
+    carried = v[layout.carried[k]].reshape(t.tau.size, -1).T
+    given = [x, free, carried, times[None, :], v[layout.parameters][:, None]]
+    symbols = [problem.x, phase.free, phase.carried, time, problem.p]
     (u,) = mapped(casadi.Function("control", symbols, [phase.control]), [casadi.DM(a) for a in given])
     return Arc(
-        t=times, x=x, u=np.array(u.full()), costate=_costate(layout, point, k, given), mesh=t.mesh, side=t.side,
+        t=times, x=x, u=np.array(u.full()), mesh=t.mesh, side=t.side,
+        costate=carried if phase.carried.numel() else _costate(layout, point, k, given),
         modes=tuple(str(mode) for mode in phase.modes), multipliers=_multipliers(layout, point, k),
     )  # fmt: skip
 
@@ -130,29 +139,45 @@ def _everywhere(values: np.ndarray, t: Table, times: np.ndarray) -> np.ndarray:
 
 
 def _slope(problem: Problem, phase: Phase) -> casadi.Function:
-    """Return the gradient of the Hamiltonian along the phase's law, as a function of x, v, t, p and the costate."""
+    """Return the gradient of the Hamiltonian along the phase's law, as a function of x, v, y, t, p and the costate."""
     rate, running = (casadi.substitute(e, problem.u, phase.control) for e in (problem.rate, problem.lagrangian))
     gradient = casadi.gradient(running + casadi.dot(problem.costate, rate), problem.x)
-    return casadi.Function("slope", [problem.x, phase.free, time, problem.p, problem.costate], [gradient])
+    return casadi.Function("slope", [problem.x, phase.free, phase.carried, time, problem.p, problem.costate], [gradient])
 
 
 def _costate(layout: Layout, point: NLPPoint, k: int, given: list[np.ndarray]) -> np.ndarray:
-    """Return the costate (nx, n) of a phase, nan where the point has no multipliers; `given`: its x, v, t, p."""
+    """Return the costate (nx, n) of a phase, nan where the point has no multipliers; `given`: its x, v, y, t, p."""
     problem, t, nx = layout.phased.of, layout.tables[k], given[0].shape[0]
     costate = np.full((nx, t.tau.size), np.nan)
     if point.lam_g is None:
         return costate
     multipliers = point.lam_g[layout.defects[k]].reshape(-1, nx)
     costate[:, t.collocated] = -(t.B.T @ multipliers).T[:, t.collocated] / t.weights[t.collocated]
-    inner = (t.A.T @ multipliers).T
     length, gradient = point.v[layout.lengths][k], _slope(problem, layout.phased.phases[k])
-    for node, sign in ((0, 1.0), (-1, -1.0)):
-        slope = np.zeros(nx)
-        if t.weights[node] > 0:
-            here = [a[:, [0 if a.shape[1] == 1 else node]] for a in given]
-            slope = length * t.weights[node] * gradient(*here, costate[:, node]).full()[:, 0]
-        costate[:, node] = sign * (inner[:, node] + slope)
+    begins, ends = (_edge(t, multipliers, (length, gradient, given), last) for last in (0, 1))
+    inner = {"left": begins[:, 1:], "right": ends[:, :-1], "both": (begins[:, 1:] + ends[:, :-1]) / 2.0}[t.side]
+    costate[:, t.mesh] = np.hstack([begins[:, :1], inner, ends[:, -1:]])
     return costate
+
+
+def _edge(
+    t: Table, multipliers: np.ndarray, flow: tuple[float, casadi.Function, list[np.ndarray]], last: int
+) -> np.ndarray:  # fmt: skip
+    """Return the costates (nx, k) at the first (last = 0) or last (1) nodes of all intervals.
+
+    They are the sensitivity of the rest of the Lagrangian to the state there, which has the order of the scheme; the
+    stages' own costates have that of the stages: 2 for Hermite-Simpson, n for n Radau points.
+    """
+    length, gradient, given = flow
+    sensitivity: np.ndarray = (t.at_edges(t.A, last).T @ multipliers).T
+    weights = t.edges[last]
+    if (weights > 0).all():
+        stage = -(t.at_edges(t.B, last).T @ multipliers).T / weights
+        nodes = t.mesh[last : t.mesh.size - 1 + last]
+        at = [casadi.DM(a if a.shape[1] == 1 else a[:, nodes]) for a in given]
+        (slope,) = mapped(gradient, [*at, casadi.DM(stage)])
+        sensitivity = sensitivity + length * weights * slope.full()
+    return sensitivity if last == 0 else -sensitivity
 
 
 def _multipliers(layout: Layout, point: NLPPoint, k: int) -> dict[str, np.ndarray]:

@@ -1,4 +1,6 @@
-"""What a verdict says beyond residuals: strictness, ringing, errors of objective and switching times, costates on arcs."""
+"""What a verdict says beyond residuals: strictness, ringing, errors of objective and switching times."""
+
+import itertools
 
 import casadi
 import numpy as np
@@ -12,11 +14,13 @@ from socp.symbols import final_time, initial_time
 _SCHEME = lgr(POINTS)
 
 
-def strictness(problem: Problem, solution: Solution, samples: Samples, sigma: np.ndarray, size: float) -> dict[str, float]:
+def strictness(
+    problem: Problem, solution: Solution, samples: Samples, sigma: np.ndarray, size: float
+) -> dict[str, float]:
     """Return, for every bang stretch, how far its switching function comes to the right side of zero.
 
-    sigma (nu, n) at the judge's nodes; the figure is sigma times the width of the box over the Hamiltonian's magnitude. One
-    that is not positive belongs to an arc that the principle does not ask for.
+    sigma (nu, n) at the judge's nodes; the figure is sigma times the width of the box over the Hamiltonian's
+    magnitude. One that is not positive belongs to an arc that the principle does not ask for.
     """
     found = {}
     width = np.diff(problem.box, axis=0)[0]
@@ -30,29 +34,36 @@ def strictness(problem: Problem, solution: Solution, samples: Samples, sigma: np
 
 
 def ringing(problem: Problem, solution: Solution) -> dict[str, float]:
-    """Return, for every control, its total variation over that of its running mean (1, 2, 1) / 4: 1 if it does not ring.
+    """Return every control's total variation over that of its running mean (1, 2, 1) / 4: 1 if it does not ring.
 
-    The mean leaves nothing of a zigzag from value to value, and all of a jump between longer levels. What is less than a
-    thousandth of the width of the box counts as no variation.
+    The mean leaves nothing of a zigzag from value to value, and all of a jump between longer levels. What is less
+    than a thousandth of the width of the box counts as no variation.
     """
     found = {}
     for i, name in enumerate(problem.control_names):
-        values = np.concatenate([arc.u[i, arc.nodes(k, "u")] for arc in solution.arcs for k in range(len(arc.mesh) - 1)])
+        values = np.concatenate(
+            [arc.u[i, arc.nodes(k, "u")] for arc in solution.arcs for k in range(len(arc.mesh) - 1)]
+        )
         least = 1e-3 * float(problem.box[1, i] - problem.box[0, i])
         calm = np.convolve(np.pad(values, 1, mode="edge"), [0.25, 0.5, 0.25], mode="valid")
         found[name] = float((np.abs(np.diff(values)).sum() + least) / (np.abs(np.diff(calm)).sum() + least))
     return found
 
 
-def objective_error(problem: Problem, solution: Solution, samples: Samples, costate: np.ndarray, gain: np.ndarray) -> float:
+def objective_error(
+    problem: Problem, solution: Solution, samples: Samples, costate: np.ndarray, gain: np.ndarray
+) -> float:
     """Estimate the error of the objective, in its own units, by the dual-weighted residual.
 
-    The sum of three: costate (nx, n) times the defect f - x' of the returned states, the difference between the returned
-    objective and its own quadrature, and the Hamiltonian `gain` (n,) that better controls would have over the horizon.
+    The sum of three: costate (nx, n) times the defect f - x' of the returned states, the difference between the
+    returned objective and its own quadrature, and the Hamiltonian `gain` (n,) that better controls would have over
+    the horizon.
     """
     v, half = samples.values, 0.5 * np.diff(samples.edges)
     shape = (-1, samples.intervals, samples.width)
-    x, f, costates = (each.reshape(shape)[:, :, : each_width] for each, each_width in ((samples.x, None), (v["f"], -1), (costate, -1)))
+    x, f, costates = (
+        each.reshape(shape)[:, :, :each_width] for each, each_width in ((samples.x, None), (v["f"], -1), (costate, -1))
+    )
     slope = np.einsum("dj,ikj->ikd", _SCHEME.A, x) / half[:, None]
     weights = half[:, None] * _SCHEME.weights[:-1]
     defect = float((weights * np.abs((costates * (f - slope)).sum(axis=0))).sum())
@@ -68,15 +79,17 @@ def _mayer(problem: Problem, solution: Solution) -> float:
     return float(function(*ends, p, solution.initial_time, solution.final_time))
 
 
-def switch_errors(problem: Problem, solution: Solution, samples: Samples, sigma: np.ndarray) -> tuple[tuple[float, float], ...]:
-    """Estimate the error of every switching time: how far the nearest zero of the switching function is, on its bang side.
+def switch_errors(
+    problem: Problem, solution: Solution, samples: Samples, sigma: np.ndarray
+) -> tuple[tuple[float, float], ...]:
+    """Estimate the error of every switching time: how far the switching function's nearest zero is, on the bang side.
 
     sigma (nu, n). To second order, since sigma leaves a singular arc with slope zero.
     """
     found: dict[float, float] = {}
     for i, name in enumerate(problem.control_names):
         row = solution.structure[name]
-        for (before, _, t), (after, _, _) in zip(row[:-1], row[1:], strict=True):
+        for (before, _, t), (after, _, _) in itertools.pairwise(row):
             side = -1 if before in {"+", "-"} else 1 if after in {"+", "-"} else 0
             k = int(np.argmin(np.abs(samples.edges - t)))
             interval = k - 1 if side < 0 else k
@@ -100,7 +113,7 @@ def _nearest_zero(samples: Samples, sigma: np.ndarray, interval: int, *, at_end:
 
 
 def on_arc(samples: Samples, index: int, arc: Arc, values: np.ndarray) -> np.ndarray:
-    """Carry values (rows, n) from the judge's nodes to the nodes of an arc; arcs without length take the neighbouring value."""
+    """Carry values (rows, n) from the judge's nodes to an arc's; arcs without length take the neighbouring value."""
     out = np.empty((values.shape[0], arc.t.size))
     mine = np.unique(np.flatnonzero(samples.arc == index) // samples.width)
     if not mine.size:

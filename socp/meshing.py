@@ -1,10 +1,8 @@
 """Meshes of arcs: how far the polynomials have converged, and how many intervals an arc therefore needs."""
 
-import math
-
 import numpy as np
 
-from socp.collocate import Mesh, uniform
+from socp.collocate import Mesh
 from socp.schemes import lgr
 from socp.solution import Arc
 
@@ -13,7 +11,7 @@ _CROWD = 64  # intervals in one arc; what is not smooth by then is no arc
 
 
 def tails(arc: Arc, scale: np.ndarray) -> np.ndarray:
-    """Estimate the error of every interval (k,): the last two Legendre coefficients of its states relative to scale (nx,)."""
+    """Return the last two Legendre coefficients of every interval's states (k,), relative to scale (nx,)."""
     found = []
     for k in range(len(arc.mesh) - 1):
         nodes = arc.nodes(k)
@@ -28,14 +26,21 @@ def tails(arc: Arc, scale: np.ndarray) -> np.ndarray:
 
 
 def refined(arcs: tuple[Arc, ...], scale: np.ndarray, points: int, tolerance: float) -> list[Mesh] | None:
-    """Return meshes with as many equal intervals an arc as the tolerance needs at this degree, None where all have converged."""
-    meshes, grown = [], False
+    """Return meshes that split every interval into as many as the tolerance needs, None where all have converged."""
+    meshes: list[Mesh] = []
+    grown = False
     for arc in arcs:
-        count = len(arc.mesh) - 1
-        worst = float(tails(arc, scale).max())
+        shares = np.diff(arc.t[arc.mesh]) / max(float(np.ptp(arc.t)), 1e-300)
         # the error of an interval falls with its length to the power of its degree
-        factor = (worst / tolerance) ** (1.0 / points) if worst > tolerance else 1.0
-        wanted = min(math.ceil(count * min(factor, _GROWTH)), _CROWD)
-        grown |= wanted > count
-        meshes.append(uniform(lgr(points), max(wanted, count)))
+        wanted = np.ceil(np.clip((tails(arc, scale) / tolerance) ** (1.0 / points), 1.0, _GROWTH)).astype(int)
+        if np.ptp(arc.t) <= 0 or shares.size >= _CROWD:
+            wanted[:] = 1
+        grown |= bool((wanted > 1).any())
+        meshes.append(
+            [
+                (float(share) / count, lgr(points))
+                for share, count in zip(shares, wanted, strict=True)
+                for _ in range(count)
+            ]
+        )
     return meshes if grown else None

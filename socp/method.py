@@ -15,9 +15,9 @@ from socp.solution import Solution
 
 
 class Method(abc.ABC):
-    """A way to solve problems; concrete methods are final frozen dataclasses whose fields, made by `option`, are their options.
+    """A way to solve problems; concrete methods are final frozen dataclasses whose fields are their options.
 
-    `source` names the paper the method comes from.
+    Fields are made by `option`; `source` names the paper the method comes from.
     """
 
     name: ClassVar[str]
@@ -25,7 +25,10 @@ class Method(abc.ABC):
 
     @abc.abstractmethod
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
-        """Solve from a guess. A solver that fails gives a Solution with its `stop`; MethodError is for what cannot be tried."""
+        """Solve from a guess; a solver that fails gives a Solution with its `stop`.
+
+        Raises MethodError for what cannot be tried.
+        """
 
 
 def option(default: Any, doc: str, *, least: float | None = None) -> Any:
@@ -47,7 +50,9 @@ def check_options(method: Method) -> None:
             raise MethodError(f"{method.name}: {each.name}={value}, but it must be at least {least}")
 
 
-def solve_collocated(phased: PhasedProblem, meshes: Sequence[Mesh], backend: Backend, guess: Solution, watch: Watch = silent) -> Solution:
+def solve_collocated(
+    phased: PhasedProblem, meshes: Sequence[Mesh], backend: Backend, guess: Solution, watch: Watch = silent
+) -> Solution:
     """Transcribe a phased problem on one mesh a phase, solve it with a backend, and lift the point."""
     began = time.perf_counter()
     reduced = collocate(phased, meshes)

@@ -1,6 +1,7 @@
 """Problems cut into phases: one control law on each, free lengths between the switching times."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from typing import final
 
 import numpy as np
@@ -16,8 +17,9 @@ from socp.word import Mode, Word
 class Phase:
     """One arc as it is transcribed.
 
-    `control` (nu, 1) is an expression of x, t, p and of `free` (nv, 1), the controls that are collocated within `box`
-    (2, nv). `entry` holds expressions of x, t, p that vanish where the arc begins; `kept` names the state constraints
+    `control` (nu, 1) is an expression of x, t, p, of `free` (nv, 1), the controls that are collocated within `box`
+    (2, nv), and of `carried` (ny, 1), quantities with a `carried_rate` (ny, 1) of their own that are integrated along
+    with the states: the costate, where a law needs it. `entry` holds expressions of x, carried, t, p that vanish where the arc begins; `kept` names the state constraints
     that the law itself keeps from there on: imposed again on this arc, they would be dependent.
     """
 
@@ -28,6 +30,9 @@ class Phase:
     entry: tuple[Expr, ...] = ()
     kept: frozenset[str] = frozenset()
     length: tuple[float, float] = (0.0, np.inf)
+    boxed: bool = False
+    carried: Expr = field(default_factory=partial(column, ()))
+    carried_rate: Expr = field(default_factory=partial(column, ()))
 
 
 @final
@@ -51,7 +56,7 @@ def follow(problem: Problem, word: Word) -> PhasedProblem:
     Raises MethodError where a law is asked for that the problem does not have.
     """
     phases: list[Phase] = []
-    for modes in word.arcs:
+    for modes in laws.resolved(problem, word).arcs:
         phases.append(_phase(problem, modes, phases[-1].kept if phases else frozenset()))
     return PhasedProblem(problem, tuple(phases))
 
@@ -61,7 +66,13 @@ def _phase(problem: Problem, modes: tuple[Mode, ...], kept: frozenset[str]) -> P
     law = laws.arc_law(problem, modes)
     at = [i for i, mode in enumerate(modes) if mode.kind == "free"]
     new = [constraint for constraint in problem.constraints if constraint.name in law.kept - kept]
+    entry = [e for constraint in new for e in laws.tower(problem, constraint)[0]]
+    if law.costate:
+        carried = {"carried": problem.costate, "carried_rate": law.costate_rate}
+        entry += law.costate_entry
+    else:
+        carried = {}
     return Phase(
         modes=modes, control=law.control, free=column(problem.u[i] for i in at), box=problem.box[:, at],
-        entry=tuple(e for constraint in new for e in laws.tower(problem, constraint)[0]), kept=law.kept,
+        entry=tuple(entry), kept=law.kept, **carried,
     )  # fmt: skip

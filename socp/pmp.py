@@ -1,9 +1,9 @@
-"""The judge: is a solution an extremal of Pontryagin's principle, and how far is it from one?
+"""The judge says whether a solution is an extremal of Pontryagin's principle, and how far it is from one.
 
 It takes a problem and a solution, nothing else. Along the given states and controls every condition is affine in the
-multipliers, so the question whether any multipliers satisfy them all is a convex programme. Least squares over the equations
-usually finds them; where the result fails, a linear programme finds the multipliers of least worst residual, or proves by that
-residual that there are none within tolerance.
+multipliers, so the question whether any multipliers satisfy them all is a convex programme. Least squares over the
+equations usually finds them; where the result fails, a linear programme finds the multipliers of least worst
+residual, or proves by that residual that there are none within tolerance.
 """
 
 from dataclasses import dataclass, replace
@@ -13,8 +13,9 @@ import numpy as np
 from scipy.linalg import lstsq
 
 from socp import margins
-from socp.adjoint import POINTS, Costates, Samples, Unknowns, condense, sample
-from socp.conditions import SCALE, Ends, Rows, conditions, sigma, unknowns_of
+from socp.adjoint import POINTS, Samples, condense, sample
+from socp.conditions import SCALE, Along, Rows, conditions
+from socp.ends import Ends, unknowns_of
 from socp.problem import Problem
 from socp.solution import Arc, Solution
 from socp.verdict import EXTREMAL, Finding, Verdict
@@ -23,31 +24,29 @@ from socp.verdict import EXTREMAL, Finding, Verdict
 @final
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A solution laid out for judging: nodes, unknown multipliers, costates as functions of them, and all conditions."""
+    """A solution laid out for judging, with all conditions in the unknown multipliers."""
 
-    problem: Problem
-    solution: Solution
-    samples: Samples
-    unknowns: Unknowns
-    costates: Costates
+    along: Along
     rows: tuple[Rows, ...]
-    time_cost: float  # the Mayer term's slope in the final time, which the Hamiltonian has to balance
 
     def magnitude(self, z: np.ndarray) -> float:
         """Return the Hamiltonian's magnitude: the largest sum of its terms' absolute values along the solution."""
-        v = self.samples.values
-        terms = np.abs(v["L"]) + np.abs(self.costates.at(z) * v["f"]).sum(axis=0)
-        return max(float(terms.max()), self.time_cost, 1e-300)
+        v = self.along.samples.values
+        terms = np.abs(v["L"]) + np.abs(self.along.costates.at(z) * v["f"]).sum(axis=0)
+        return max(float(terms.max()), abs(self.along.ends.slope_tf), 1e-300)
 
     def findings(self, z: np.ndarray) -> tuple[Finding, ...]:
         """Return the worst residual of every condition at multipliers z."""
-        size, found = self.magnitude(z), {}
+        size = self.magnitude(z)
+        found: dict[str, Finding] = {}
         for rows in self.rows:
             if not rows.t.size:
                 continue
             residuals = rows.residuals(z) / size
             k = int(np.argmax(residuals))
-            finding = Finding(condition=rows.name, residual=float(residuals[k]), where=rows.where[k], t=float(rows.t[k]))
+            finding = Finding(
+                condition=rows.name, residual=float(residuals[k]), where=rows.where[k], t=float(rows.t[k])
+            )
             if rows.name not in found or finding.residual > found[rows.name].residual:
                 found[rows.name] = finding
         return tuple(found.values())
@@ -62,6 +61,8 @@ def multipliers(case: Case) -> tuple[np.ndarray, float | None]:
     if _worst(case, z) <= EXTREMAL:
         return z, None
     size = case.magnitude(z)
+    if not z.size:  # free ends: the costate is known, and so is how far it fails
+        return z, _worst(case, z)
     best, distance = _programme(case, size, z, worst=True)
     if distance is None or _worst(case, best) <= EXTREMAL:
         return best, distance
@@ -82,18 +83,22 @@ def _least_squares(case: Case) -> np.ndarray:
 
 
 def _programme(case: Case, size: float, start: np.ndarray, *, worst: bool) -> tuple[np.ndarray, float | None]:
-    """Minimise the worst residual, or the sum of residuals, by a linear programme; returns (z, least value), (start, None) if it fails.
+    """Minimise the worst residual, or the sum of residuals, by a linear programme.
 
-    In the sum the rows that fix the multipliers' scale count for all others together: breaking those alone explains nothing.
+    Returns (z, least value), or (start, None) if the programme fails.
+
+    In the sum the rows that fix the multipliers' scale count for all others together: breaking those alone explains
+    nothing.
     """
-    import cvxpy  # noqa: PLC0415 - takes seconds to import, and most verdicts do without
+    import cvxpy
 
     scale = np.maximum(np.abs(start), 1e-3 * max(float(np.abs(start).max()), 1e-300))
     kept = [(rows, _thinned(rows)) for rows in case.rows]
     matrix = np.vstack([rows.matrix[keep] for rows, keep in kept]) * scale / size
     offset = np.concatenate([rows.offset[keep] for rows, keep in kept]) / size
     equation = np.concatenate([np.full(keep.size, rows.equation) for rows, keep in kept])
-    z, excess = cvxpy.Variable(start.size), cvxpy.Variable(nonneg=True) if worst else cvxpy.Variable(offset.size, nonneg=True)
+    z = cvxpy.Variable(start.size)
+    excess = cvxpy.Variable(nonneg=True) if worst else cvxpy.Variable(offset.size, nonneg=True)
     value = offset + matrix @ z
     constraints = [value <= excess, -value[equation] <= (excess if worst else excess[equation])]
     weight = np.concatenate([_weight(rows, keep.size, offset.size) for rows, keep in kept])
@@ -108,29 +113,26 @@ def _programme(case: Case, size: float, start: np.ndarray, *, worst: bool) -> tu
 
 
 def _weight(rows: Rows, kept: int, every: int) -> np.ndarray:
-    """Return the weights of rows in a sum: a condition at a point counts 1, one along an interval 1 over all of its nodes."""
+    """Return the weights of rows in a sum: a condition at a point counts 1, one along an interval 1 over its nodes."""
     if rows.name.startswith(SCALE):
         return np.full(kept, float(every))
     return np.full(kept, 1.0 if rows.pointwise else (1.0 if rows.equation else 3.0) / (POINTS + 1))
 
 
 def _thinned(rows: Rows) -> np.ndarray:
-    """Return the rows that enter a programme: all equations, signs at the first, middle and last node of every interval."""
+    """Return the rows of a programme: all equations, signs at the first, middle and last node of every interval."""
     n = rows.t.size
     thin = not rows.equation and n > 10 * (POINTS + 1)
     return np.flatnonzero(np.isin(np.arange(n) % (POINTS + 1), (0, POINTS // 2, POINTS))) if thin else np.arange(n)
 
 
 def case(problem: Problem, solution: Solution) -> Case:
-    """Lay out a solution for judging: choose the unknown multipliers, condense the adjoint, write down every condition."""
+    """Lay out a solution for judging: choose the unknowns, condense the adjoint, write down every condition."""
     samples = sample(problem, solution)
     ends = Ends.of(problem, solution, samples)
     unknowns = unknowns_of(problem, samples, ends)
-    costates = condense(samples, unknowns, ends.slope_final)
-    rows = tuple(conditions(problem, solution, samples, unknowns, costates, ends))
-    return Case(problem, solution, samples, unknowns, costates, rows, abs(ends.slope_tf))
-
-
+    along = Along(problem, solution, samples, unknowns, condense(samples, unknowns, ends.slope_final), ends)
+    return Case(along, tuple(conditions(along)))
 
 
 # -- the verdict
@@ -142,27 +144,29 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
     `solution` needs its structure and its verification (`socp.chain.judge` fills both in).
     """
     laid = case(problem, solution)
+    along, samples = laid.along, laid.along.samples
     z, distance = multipliers(laid)
-    costate, size = laid.costates.at(z), laid.magnitude(z)
-    offset, matrix = sigma(laid.samples, laid.costates)
+    costate, size = along.costates.at(z), laid.magnitude(z)
+    offset, matrix = along.sigma
     switching = offset + matrix @ z
     findings = (*laid.findings(z), *_without_length(solution))
-    times = margins.switch_errors(problem, solution, laid.samples, switching)
     certain = all(finding.holds for finding in findings)
-    gain = np.zeros_like(laid.samples.t) if certain else _gain(problem, laid.samples, switching)  # else it would measure the judge
-    error = margins.objective_error(problem, solution, laid.samples, costate, gain)
+    gain = (
+        np.zeros_like(samples.t) if certain else _gain(problem, samples, switching)
+    )  # else it would measure the judge
+    error = margins.objective_error(problem, solution, samples, costate, gain)
     verdict = Verdict(
         miss=max((f.worst for f in solution.verified), default=float("inf")),
         findings=findings,
         distance=distance,
-        normality=max(float(np.abs(laid.samples.values["L"]).max()), laid.time_cost) / size,
-        margins=margins.strictness(problem, solution, laid.samples, switching, size),
+        normality=max(float(np.abs(samples.values["L"]).max()), abs(along.ends.slope_tf)) / size,
+        margins=margins.strictness(problem, solution, samples, switching, size),
         ringing=margins.ringing(problem, solution),
         objective_error=error,
-        switch_errors=times,
+        switch_errors=margins.switch_errors(problem, solution, samples, switching),
         digits=_digits(error, solution.objective) if certain else 0,
     )
-    return verdict, _with_multipliers(problem, solution, laid, z)
+    return verdict, _with_multipliers(along, z)
 
 
 def _gain(problem: Problem, samples: Samples, switching: np.ndarray) -> np.ndarray:
@@ -181,25 +185,28 @@ def _without_length(solution: Solution) -> tuple[Finding, ...]:
     """Find the arcs of a word that have no length: the word has too many."""
     shortest = 1e-9 * (solution.final_time - solution.initial_time)  # rounding of a length, some digits to spare
     return tuple(
-        Finding(condition="arc without length, drop it from the word", residual=1.0, where=f"arc {k}", t=float(arc.t[0]))
+        Finding(
+            condition="arc without length, drop it from the word", residual=1.0, where=f"arc {k}", t=float(arc.t[0])
+        )
         for k, arc in enumerate(solution.arcs, start=1)
         if arc.t[-1] - arc.t[0] <= shortest
     )
 
 
-def _with_multipliers(problem: Problem, solution: Solution, laid: Case, z: np.ndarray) -> tuple[Arc, ...]:
-    """Return the arcs, those that follow laws with the costates and densities of z in place of their nonlinear programme's.
+def _with_multipliers(along: Along, z: np.ndarray) -> tuple[Arc, ...]:
+    """Return the arcs, those that follow laws with the costates and densities of z in place of their programme's.
 
-    Along a law the programme's multipliers are not the principle's: they take the law for part of the dynamics.
+    Along a law the nonlinear programme's multipliers are not the principle's: they take the law for part of the
+    dynamics.
     """
-    costate = laid.costates.at(z)
-    density = np.einsum("ncz,z->cn", laid.costates.mu, z)
+    costate = along.costates.at(z)
+    density = np.einsum("ncz,z->cn", along.costates.mu, z)
+    names = [constraint.name for constraint in along.problem.constraints]
     arcs = []
-    for index, arc in enumerate(solution.arcs):
+    for index, arc in enumerate(along.solution.arcs):
         if "*" in arc.modes:
             arcs.append(arc)
             continue
-        rows = margins.on_arc(laid.samples, index, arc, density)
-        named = {constraint.name: row for constraint, row in zip(problem.constraints, rows, strict=True)}
-        arcs.append(replace(arc, costate=margins.on_arc(laid.samples, index, arc, costate), multipliers=named))
+        own = dict(zip(names, margins.on_arc(along.samples, index, arc, density), strict=True))
+        arcs.append(replace(arc, costate=margins.on_arc(along.samples, index, arc, costate), multipliers=own))
     return tuple(arcs)

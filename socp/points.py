@@ -13,7 +13,9 @@ from socp.symbols import Expr, column, final_time, time
 COUNT = 24  # points; a false "zero" would need chance to strike at most of them
 _STEPS = 16  # of the simulations that spread the points over what the controls can reach
 _DRAWS = 4  # constant controls in one simulation
-_PASSES = 60  # Gauss-Newton steps at most; from afar each may only move as far as the point's own size
+_PASSES = 60  # Gauss-Newton steps at most; from afar each may move no further than the states spread
+_INERTIA = 0.1  # of states against costates: the costate moves first, the state only where it has to
+_PATIENCE = 8  # steps after which half of the points are enough
 _CLOSE = 1e-11  # residual, relative to the size of its terms, of a point that lies on the surface
 _NUDGE = 1e-7  # relative perturbation that tells a number from round-off: a number hardly changes, round-off does
 _FAR = 1e3  # spreads: a point moved further than this lies where the problem does not live
@@ -67,10 +69,11 @@ def onto(problem: Problem, equations: Expr, points: np.ndarray) -> np.ndarray:
     movable = np.r_[1 : 1 + problem.x.numel(), first : first + problem.x.numel()]
     evaluate = evaluator(problem, equations, casadi.jacobian(equations, symbols(problem)[movable.tolist()]))
     size, start = spread(problem)[movable], points[movable]
+    weight = np.where(np.arange(size.size) < problem.x.numel(), _INERTIA * size, size)
     points, arrived = points.copy(), np.zeros(points.shape[1], dtype=bool)
-    for _ in range(_PASSES):
-        arrived, step = _newton(evaluate, points, movable, size)
-        if arrived.all():
+    for k in range(_PASSES):
+        arrived, step = _newton(evaluate, points, weight)
+        if arrived.all() or (k >= _PATIENCE and arrived.mean() > 0.5):
             break
         points[movable] += np.where(arrived, 0.0, step)
     if not arrived.any():
@@ -93,25 +96,24 @@ def nonzero(problem: Problem, expression: Expr, points: np.ndarray) -> np.ndarra
 
 def generic(problem: Problem, value: Callable[[np.ndarray], np.ndarray], points: np.ndarray) -> np.ndarray:
     """Tell for every entry of value(points) (n, ...) whether it is a number rather than round-off, at most of the points."""
-    random = np.random.default_rng(1)
+    random, n = np.random.default_rng(1), points.shape[1]
     size = spread(problem)[:, None]  # not of these points, on which a symbol may be round-off itself
-    base = value(points)
+    moved = [points + _NUDGE * size * random.standard_normal(points.shape) for _ in range(4)]
+    values = value(np.hstack([points, *moved]))
+    base = values[:n]
     real = np.isfinite(base) & (base != 0)
-    for _ in range(4):
-        moved = value(points + _NUDGE * size * random.standard_normal(points.shape))
-        with np.errstate(invalid="ignore"):
-            real &= np.abs(moved - base) < 1e-2 * np.abs(base)
+    with np.errstate(invalid="ignore"):
+        for k in range(1, 5):
+            real &= np.abs(values[k * n : (k + 1) * n] - base) < 1e-2 * np.abs(base)
     most: np.ndarray = real.mean(axis=0) > 0.5
     return most
 
 
-def _newton(evaluate: Evaluate, points: np.ndarray, movable: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return which points lie on the surface (n,) and the step (movable, n) towards it for the others."""
+def _newton(evaluate: Evaluate, points: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return which points lie on the surface (n,) and the step (m, n) of the movable symbols, of sizes weight (m,), for all."""
     with np.errstate(all="ignore"):
         value, slope = evaluate(points)
-        value = value[:, :, 0]
-        weight = np.repeat(size[None, :], points.shape[1], axis=0)
-        scaled = slope * weight[:, None, :]
+        value, scaled = value[:, :, 0], slope * weight
         terms = np.abs(scaled).sum(axis=2)
         arrived = (np.abs(value) <= _CLOSE * terms).all(axis=1)
         rows = np.where(terms > 0, terms, 1.0)
@@ -120,7 +122,7 @@ def _newton(evaluate: Evaluate, points: np.ndarray, movable: np.ndarray, size: n
         right = np.where(finite[:, None], value / rows, 0.0)
         step = -np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=1e-9), right)
         length = np.linalg.norm(step, axis=1, keepdims=True)
-        step *= np.minimum(1.0, 1.0 / np.maximum(length, 1e-300))
+        step *= np.minimum(1.0, 1.0 / (_INERTIA * length).clip(1e-300))
     return arrived & finite, (step * weight).T
 
 

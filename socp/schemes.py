@@ -7,6 +7,8 @@ from typing import Literal, final
 import numpy as np
 from scipy.special import roots_jacobi
 
+from socp.errors import MethodError
+
 Side = Literal["left", "right", "both"]
 
 
@@ -87,7 +89,7 @@ def radau_iia(points: int) -> Scheme:
 def radau(points: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the LGR points (n,) on [-1, 1), roots of P_{n-1} + P_n, and their weights (n,)."""
     if points < 1:
-        raise ValueError(f"LGR points: {points} where 1 or more are needed")
+        raise MethodError(f"LGR points: {points} where 1 or more are needed")
     inner = roots_jacobi(points - 1, 0.0, 1.0)[0] if points > 1 else np.empty(0)
     # the weights lose a digit or two to the recurrence: keep spare ones
     tau = np.append(-1.0, inner).astype(np.longdouble)

@@ -85,8 +85,10 @@ def _polynomial(times: np.ndarray, values: np.ndarray) -> Control:
 
 
 def _feedback(problem: Problem, arc: Arc, p: np.ndarray) -> Control:
-    law = laws.arc_law(problem, tuple(Mode.parse(mode) for mode in arc.modes)).control
-    function = casadi.Function("law", [problem.x, time, problem.p], [law])
+    law = laws.arc_law(problem, tuple(Mode.parse(mode) for mode in arc.modes))
+    if law.costate:
+        raise MethodError("a law that depends on the costate is no feedback in the state")
+    function = casadi.Function("law", [problem.x, time, problem.p], [law.control])
     evaluate = fast(function)
     return lambda t, x: evaluate(x, t, p)
 

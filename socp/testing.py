@@ -1,6 +1,6 @@
 """The conformance suite: what every method must do, and every problem must be, with stated tolerances.
 
-`assert_conforms(MyMethod())` in a test of your own is all that is needed; socp's own methods pass through the same call.
+`assert_conforms(MyMethod())` in a test of your own is all that is needed; socp's own methods pass the same.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,7 +23,8 @@ from socp.symbols import time
 
 __all__ = ["STANDARD", "Finding", "Standard", "assert_conforms", "check_problem", "conforms"]
 
-TOLERANCE = 2e-2  # of the objective, of the costates and of feasibility, relative: a first-order method on some hundred steps
+TOLERANCE = 2e-2  # of objective and feasibility, relative: what a first-order method reaches on some hundred steps
+_COSTATES = 5.0  # times the tolerance: where controls ring, the multipliers ring more
 _ROUNDING = 1e-6  # by which a control may leave its box, relative to the box's width
 
 
@@ -51,8 +52,9 @@ def assert_conforms(method: Method, problems: Sequence[Standard] = STANDARD, tol
 def conforms(method: Method, problems: Sequence[Standard] = STANDARD, tolerance: float = TOLERANCE) -> list[Finding]:
     """Run a method on standard problems from the default guess and return every breach of the contract.
 
-    Every problem is solved twice: the same input must give the same output. `tolerance` is relative: of the objective, of
-    the costates at the initial time where the method gives any, and of the feasibility that re-integration finds.
+    Every problem is solved twice: the same input must give the same output. `tolerance` is relative: of the objective,
+    and of the conditions that re-integration finds violated; costates at the initial time, where the method gives any,
+    may be five times as far from the exact ones.
     """
     found = [Finding("-", "method", text) for text in _of_class(method)]
     if found:
@@ -65,7 +67,7 @@ def conforms(method: Method, problems: Sequence[Standard] = STANDARD, tolerance:
 
 
 def check_problem(problem: Problem) -> list[Finding]:
-    """Return what would stop a solver at once: rates, costs, constraints or their slopes not finite on the default guess.
+    """Return what would stop a solver at once: what is not finite on the default guess, or has slopes that are not.
 
     The laws that the problem gives are looked at too, and the reference, where there is one.
     """
@@ -102,15 +104,16 @@ def _spread(arguments: tuple[Any, ...]) -> list[Any]:
     return [a if a.shape[1] == count else np.repeat(a, count, axis=1) for a in arguments]
 
 
-def _of_class(method: Method) -> Iterator[str]:
+def _of_class(method: Any) -> Iterator[str]:
     if not isinstance(method, Method):
         yield f"{type(method).__name__} is no socp.Method"
         return
-    if not is_dataclass(method) or not vars(type(method))["__dataclass_params__"].frozen:
-        yield f"{type(method).__name__} is no frozen dataclass"
+    kind: Any = type(method)
+    if not is_dataclass(kind) or not vars(kind)["__dataclass_params__"].frozen:
+        yield f"{kind.__name__} is no frozen dataclass"
     for field in ("name", "source"):
-        if not isinstance(getattr(type(method), field, None), str):
-            yield f"{type(method).__name__}.{field} is no text"
+        if not isinstance(getattr(kind, field, None), str):
+            yield f"{kind.__name__}.{field} is no text"
     try:
         check_options(method)
     except SocpError as error:
@@ -122,12 +125,13 @@ def _on(method: Method, standard: Standard, tolerance: float) -> Iterator[tuple[
     guess = default_guess(problem)
     before = guess.to_json()
     try:
-        solution, again = method.solve(problem, guess), method.solve(problem, guess)
+        found: list[Any] = [method.solve(problem, guess), method.solve(problem, guess)]
     except Exception as error:  # noqa: BLE001 - the suite reports, whatever a method raises
         yield "solve", f"raised {type(error).__name__}: {error}"
         return
     if guess.to_json() != before:
         yield "guess", "was modified by the solve"
+    solution, again = found
     if not isinstance(solution, Solution):
         yield "solution", f"is {type(solution).__name__}, not a Solution"
         return
@@ -152,16 +156,20 @@ def _shapes(problem: Problem, solution: Solution) -> Iterator[str]:
         yield f"parameters {sorted(solution.parameters)}, not {sorted(problem.parameter_names)}"
     if not solution.arcs:
         yield "the solution has no arcs"
-    rows = {"x": len(problem.state_names), "u": len(problem.control_names), "costate": len(problem.state_names)}
     for k, arc in enumerate(solution.arcs):
-        for which, count in rows.items():
-            if getattr(arc, which).shape != (count, arc.t.size):
-                yield f"arc {k}: {which} {getattr(arc, which).shape}, not {(count, arc.t.size)}"
-        ends_right = arc.mesh.size > 1 and arc.mesh[0] == 0 and arc.mesh[-1] == arc.t.size - 1
-        if not (ends_right and (np.diff(arc.mesh) > 0).all()):
-            yield f"arc {k}: mesh {arc.mesh[:3]}..{arc.mesh[-1:]} does not lead from node 0 to node {arc.t.size - 1}"
-        if len(arc.modes) != rows["u"]:
-            yield f"arc {k}: {len(arc.modes)} modes, not one for each of {rows['u']} controls"
+        yield from (f"arc {k}: {text}" for text in _arc_shapes(problem, arc))
+
+
+def _arc_shapes(problem: Problem, arc: Arc) -> Iterator[str]:
+    rows = {"x": len(problem.state_names), "u": len(problem.control_names), "costate": len(problem.state_names)}
+    for which, count in rows.items():
+        if getattr(arc, which).shape != (count, arc.t.size):
+            yield f"{which} {getattr(arc, which).shape}, not {(count, arc.t.size)}"
+    ends_right = arc.mesh.size > 1 and arc.mesh[0] == 0 and arc.mesh[-1] == arc.t.size - 1
+    if not (ends_right and (np.diff(arc.mesh) > 0).all()):
+        yield f"mesh {arc.mesh[:3]}..{arc.mesh[-1:]} does not lead from node 0 to node {arc.t.size - 1}"
+    if len(arc.modes) != rows["u"]:
+        yield f"{len(arc.modes)} modes, not one for each of {rows['u']} controls"
 
 
 def _values(problem: Problem, solution: Solution) -> Iterator[str]:
@@ -170,23 +178,24 @@ def _values(problem: Problem, solution: Solution) -> Iterator[str]:
     horizon = solution.final_time - solution.initial_time
     if not horizon > 0:
         yield f"the horizon has length {horizon}"
-    low, high = problem.box[0][:, None], problem.box[1][:, None]
     for k, arc in enumerate(solution.arcs):
-        yield from (f"arc {k}: {text}" for text in _arc_values(arc))
-        slack = _ROUNDING * (high - low)
-        if ((arc.u < low - slack) | (arc.u > high + slack)).any():
-            yield f"arc {k}: a control leaves its box"
+        yield from (f"arc {k}: {text}" for text in _arc_values(problem, arc))
     for k, (left, right) in enumerate(zip(solution.arcs[:-1], solution.arcs[1:], strict=True)):
         if abs(left.t[-1] - right.t[0]) > 1e-9 * horizon:
             yield f"arc {k} ends at {left.t[-1]}, the next begins at {right.t[0]}"
 
 
-def _arc_values(arc: Arc) -> Iterator[str]:
+def _arc_values(problem: Problem, arc: Arc) -> Iterator[str]:
     if not (np.diff(arc.t) >= 0).all():
         yield "times decrease"
     for which in ("t", "x", "u"):
         if not np.isfinite(getattr(arc, which)).all():
             yield f"{which} is not finite"
+    low, high = problem.box[0][:, None], problem.box[1][:, None]
+    slack = _ROUNDING * (high - low)
+    collocated = np.hstack([arc.u[:, arc.nodes(k, "u")] for k in range(len(arc.mesh) - 1)])
+    if ((collocated < low - slack) | (collocated > high + slack)).any():
+        yield "a control leaves its box"
     claimed = ~np.isnan(arc.costate)
     if claimed.any() and not np.isfinite(arc.costate).all():
         yield "costates are given at some nodes and not finite at others; give all of them, or nan everywhere"
@@ -196,12 +205,14 @@ def _accuracy(standard: Standard, solution: Solution, tolerance: float) -> Itera
     error = solution.objective - standard.objective
     if not abs(error) <= tolerance * abs(standard.objective):
         yield "objective", f"{solution.objective:.9g}, but {standard.objective:.9g} is exact"
-    violation = max(each.worst for each in verify(standard.problem, solution))
-    if not violation <= tolerance:
-        yield "feasibility", f"re-integration finds a violation of {violation:.1e}"
+    for each in verify(standard.problem, solution):
+        if each.error or not max(each.miss, each.path) <= tolerance:
+            seen = each.error or f"the end missed by {each.miss:.1e}, a path constraint violated by {each.path:.1e}"
+            yield "feasibility", f"re-integration finds {seen}"
     costate = solution.arcs[0].costate[:, 0]
     exact = np.array(standard.costate)
-    if exact.size and np.isfinite(costate).all() and not np.abs(costate - exact).max() <= tolerance * np.abs(exact).max():
+    allowed = _COSTATES * tolerance * np.abs(exact).max(initial=0.0)
+    if exact.size and np.isfinite(costate).all() and not np.abs(costate - exact).max() <= allowed:
         yield "costate", f"{costate} at the initial time, but {exact} is exact; H = -1 for minimum time"
 
 
@@ -221,6 +232,7 @@ def _numbers(solution: Solution) -> list[bytes]:
 def _watched(method: Method, problem: Problem) -> Iterator[str]:
     """Check that a watch's request to stop is granted with a last iterate; a method may call no watch at all."""
     called = []
+    solution: Any
 
     def stop(progress: Progress, /) -> bool:
         called.append(progress)
@@ -232,5 +244,5 @@ def _watched(method: Method, problem: Problem) -> Iterator[str]:
     except Exception as error:  # noqa: BLE001 - the suite reports, whatever a method raises
         yield f"raised {type(error).__name__} where the watch asked it to stop: {error}"
         return
-    if called and solution.stop is not Stop.INTERRUPTED:
+    if called and isinstance(solution, Solution) and solution.stop is not Stop.INTERRUPTED:
         yield f"the watch asked it to stop, but it says: {solution.stop.value}"

@@ -4,16 +4,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import final
 
-FEASIBLE = 1e-2  # a miss of one per cent of the states' own magnitude: what a grid of some hundred steps reaches
-EXTREMAL = 1e-6  # residuals of the principle, relative to the Hamiltonian's own terms: six digits, which no grid reaches by luck
-
-RINGS = 1.5  # half as much variation again as the control's running mean: more than the shape of any arc adds
+# a miss of one per cent of the states' own magnitude: what a grid of some hundred steps reaches
+FEASIBLE = 1e-2
+# residuals of the principle, relative to the Hamiltonian's own terms: six digits, which no grid reaches by luck
+EXTREMAL = 1e-6
+# half as much variation again as the control's running mean: more than the shape of any arc adds
+RINGS = 1.5
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One condition of Pontryagin's principle: its worst residual relative to the Hamiltonian's magnitude, where and when.
+    """One condition of Pontryagin's principle: its worst residual over the Hamiltonian's magnitude, where and when.
 
     `residual` is dimensionless; it holds if it is at most `EXTREMAL`.
     """
@@ -41,10 +43,12 @@ class Verdict:
 
     - miss: worst relative violation found by re-integration;
     - findings: every condition of the principle with its residual;
-    - distance: the least worst-case residual that any multipliers leave, proved by a linear programme (over its nodes); None
+    - distance: the least worst-case residual that any multipliers leave, proved by a linear programme (over its
+    nodes); None
       where the first multipliers already served;
     - normality: the cost's own share of the Hamiltonian's magnitude, near 0 for an abnormal extremal;
-    - legendre_clebsch: singular stretch -> the generalised Legendre-Clebsch expression at its worst, relative, not negative;
+    - legendre_clebsch: singular stretch -> the generalised Legendre-Clebsch expression at its worst, relative, not
+    negative;
     - margins: bang stretch -> how far its switching function comes to the right side of zero, relative;
     - ringing: control -> total variation over that of its running mean, 1 for none;
     - objective_error, in the objective's units, and switch_errors, pairs (switching time, error): estimates;
@@ -52,7 +56,7 @@ class Verdict:
     """
 
     miss: float
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...] = ()
     distance: float | None = None
     normality: float = 1.0
     legendre_clebsch: Mapping[str, float] = field(default_factory=dict)
@@ -81,8 +85,12 @@ class Verdict:
         if not self.miss <= EXTREMAL:
             found.insert(0, f"the re-integrated control misses its conditions by {self.miss:.1e}")
         level = min(self.residual, EXTREMAL)  # a sign shows only where it stands out of the residuals
-        found += [f"no strict sign of the switching function on {k}: {m:.1e}" for k, m in self.margins.items() if m <= level]
-        found += [f"Legendre-Clebsch condition on {k}: {v:.1e}" for k, v in self.legendre_clebsch.items() if v < -EXTREMAL]
+        found += [
+            f"no strict sign of the switching function on {k}: {m:.1e}" for k, m in self.margins.items() if m <= level
+        ]
+        found += [
+            f"Legendre-Clebsch condition on {k}: {v:.1e}" for k, v in self.legendre_clebsch.items() if v < -EXTREMAL
+        ]
         return tuple(found)
 
     @property

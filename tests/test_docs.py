@@ -1,10 +1,11 @@
 """The documentation is run: every page reads as one session, and its tables name what there is.
 
 On a page, ```python fences share a namespace and a temporary working directory. A fence with a title such as
-`title="rocket.py"` is a file of that session. A ```text fence titled "prints" is the exact output of the fence before it.
-In ```bash and ```console fences the lines that start with `socp` are run; `# exit 3` after one states its exit code.
+`title="rocket.py"` is a file of that session. A ```text fence titled "prints" is the exact output of the fence before
+it. In ```bash and ```console fences lines that start with `socp` are run; `# exit 3` after one states its exit code.
 """
 
+import ast
 import contextlib
 import dataclasses
 import io
@@ -13,14 +14,23 @@ import shlex
 import sys
 import tomllib
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
+import click
 import pytest
 
+from socp.arc import Arc
 from socp.cli import main
-from socp.chain import described
-from socp.method import options
-from socp.solution import Arc, Feasibility, Solution, Stop
+from socp.cli.app import socp
+from socp.cli.describing import option_rows
+from socp.cli.session import Exit
+from socp.method import Method, options
+from socp.problem import Problem
+from socp.registry import Registry
+from socp.solution import Feasibility, Solution, Stop
+from socp.verdict import Verdict
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -41,7 +51,8 @@ def fences(page: Path) -> Iterator[Fence]:
     for match in FENCE.finditer(text):
         title = re.search(r'title="([^"]*)"', match["info"])
         headings = re.findall(r"^#+ (.+)$", FENCE.sub("", text[: match.start()]), re.MULTILINE)
-        yield Fence(match["language"], title[1] if title else "", match["body"], text.count("\n", 0, match.start()) + 2, headings[-1])
+        line = text.count("\n", 0, match.start()) + 2
+        yield Fence(match["language"], title[1] if title else "", match["body"], line, headings[-1])
 
 
 def name_of(page: Path) -> str:
@@ -64,17 +75,19 @@ class Session:
         if fence.language in {"bash", "console"} and fence.heading != "Quick start":
             return "".join(self.command(line) for line in fence.body.splitlines())
         if fence.title == "prints":
-            assert printed == fence.body, f"{self.page}:{fence.line}: the page shows another output than the fence before it prints"
+            assert printed == fence.body, f"{self.page}:{fence.line}: not what the fence before it prints"
         return ""
 
     def write(self, fence: Fence) -> None:
         (self.folder / fence.title).write_text(fence.body, encoding="utf-8")
         if fence.title == "pyproject.toml":  # what an installation would leave on the path
             project = tomllib.loads(fence.body)["project"]
-            info = self.folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+            name, version = project["name"], project["version"]
+            info = self.folder / f"{name.replace('-', '_')}-{version}.dist-info"
             info.mkdir()
-            (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
-            groups = [f"[{group}]\n" + "".join(f"{k} = {v}\n" for k, v in them.items()) for group, them in project["entry-points"].items()]
+            (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
+            points = project["entry-points"].items()
+            groups = [f"[{group}]\n" + "".join(f"{k} = {v}\n" for k, v in them.items()) for group, them in points]
             (info / "entry_points.txt").write_text("\n".join(groups))
 
     def python(self, fence: Fence) -> str:
@@ -146,3 +159,120 @@ def table(page: Path, heading: str) -> list[list[str]]:
 
 def code(cell: str) -> str:
     return cell.strip("`")
+
+
+@pytest.fixture(scope="module")
+def registry() -> Registry:
+    return Registry.load()
+
+
+def built_in(registry: Registry) -> dict[str, type[Method]]:
+    own = [plugin for plugin in registry.plugins if plugin.package.startswith("socp ")]
+    return {name: registry.methods[name] for plugin in own for name in plugin.methods}
+
+
+def test_methods_page_lists_every_method_with_its_options(registry: Registry) -> None:
+    page = ROOT / "docs" / "methods.md"
+    listed = {code(row[0].split(",")[0]) for row in table(page, "Methods")}
+    assert listed == set(built_in(registry))
+    for name, method in built_in(registry).items():
+        shown = [(code(row[0]), code(row[1]), row[2]) for row in table(page, f"`{name}`")]
+        assert shown == [(option, default, about) for option, _, default, about in option_rows(method)]
+
+
+def test_readme_lists_every_method_with_its_options(registry: Registry) -> None:
+    rows = table(ROOT / "README.md", "Methods")
+    shown = {code(row[0]): {code(word) for word in row[2].split(", ")} for row in rows}
+    wanted = {name: {each.name for each in options(method)} for name, method in built_in(registry).items()}
+    assert shown == {name: each - {"backend"} for name, each in wanted.items()}
+
+
+def commands(group: click.Group, path: str = "socp") -> dict[str, click.Command]:
+    """Return all commands by the words that call them, groups replaced by what is in them."""
+    found: dict[str, click.Command] = {}
+    for name, command in group.commands.items():
+        words = f"{path} {name}"
+        found |= commands(command, words) if isinstance(command, click.Group) else {words: command}
+    return found
+
+
+def spellings(command: click.Command) -> set[str]:
+    return {word for each in command.params if isinstance(each, click.Option) for word in each.opts}
+
+
+def test_commands_page_lists_every_command_with_its_options() -> None:
+    page = ROOT / "docs" / "commands.md"
+    everything = commands(socp)
+    listed = [re.sub(r" [A-Z_]+$", "", code(row[0])) for row in table(page, "Commands")]
+    assert sorted(listed) == sorted(everything)
+    for words, command in {"socp": socp, **everything}.items():
+        rows = table(page, f"`{words}`") if spellings(command) else []
+        shown = {word.split()[0] for row in rows for word in re.findall(r"`(-[^`]+)`", row[0])}
+        assert shown == spellings(command), words
+
+
+@pytest.mark.parametrize(
+    ("record", "heading"),
+    [(Solution, "Fields"), (Arc, "Arcs"), (Feasibility, "Feasibility"), (Verdict, "Verdict")],
+)
+def test_results_page_lists_every_field(record: type[Any], heading: str) -> None:
+    rows = table(ROOT / "docs" / "results.md", heading)
+    shown = {word for row in rows for word in re.findall(r"`(\w+)`", row[0])}
+    assert shown == {each.name for each in dataclasses.fields(record)}
+
+
+def test_results_page_lists_every_stop_and_exit_code() -> None:
+    page = ROOT / "docs" / "results.md"
+    assert {code(row[0]): row[1] for row in table(page, "Stop")} == {stop.name: stop.value for stop in Stop}
+    assert {int(row[0]) for row in table(page, "Exit codes")} == {code.value for code in Exit}
+
+
+def test_language_page_lists_every_field() -> None:
+    rows = table(ROOT / "docs" / "language.md", "Fields of `Problem`")
+    shown = [word for row in rows for word in re.findall(r"`(\w+)`", row[0])]
+    assert sorted(shown) == sorted(each.name for each in dataclasses.fields(Problem))
+
+
+@pytest.mark.parametrize("module", ["checks", "ranges", "symbols", "affinity", "word"])
+def test_language_page_shows_every_refusal(module: str) -> None:
+    page = (ROOT / "docs" / "language.md").read_text(encoding="utf-8")
+    tree = ast.parse((ROOT / "socp" / f"{module}.py").read_text(encoding="utf-8"))
+    calls = [node.exc for node in ast.walk(tree) if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call)]
+    longest = [max(texts(call), key=len) for call in calls if texts(call)]
+    assert [text for text in longest if text not in page] == []
+
+
+def texts(call: ast.Call) -> list[str]:
+    """Return the fixed parts of the message that an exception is made with."""
+    parts = [part.value for argument in call.args for part in ast.walk(argument) if isinstance(part, ast.Constant)]
+    return [part for part in parts if isinstance(part, str)]
+
+
+def test_architecture_page_lists_every_module_below_what_imports_it() -> None:
+    rows = [code(row[1]) for row in table(ROOT / "docs" / "architecture.md", "Modules of the core")]
+    modules = {path.relative_to(ROOT / "socp").with_suffix("") for path in (ROOT / "socp").rglob("*.py")}
+    assert sorted(rows) == sorted({path.parts[0] for path in modules} - {"__init__"})
+    for path in modules:
+        above = rows[: rows.index(path.parts[0])] if path.parts[0] in rows else rows
+        for imported in imports(ROOT / "socp" / path.with_suffix(".py")):
+            below = f"socp/{path}.py imports socp.{imported}, which docs/architecture.md lists below it"
+            assert imported in {*above, path.parts[0]}, below
+
+
+def imports(file: Path) -> set[str]:
+    """Return the modules of the core that a file imports, sooner or later; those for type checkers do not count."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    guards = [each for each in ast.walk(tree) if isinstance(each, ast.If) and "TYPE_CHECKING" in ast.unparse(each.test)]
+    for_types = {id(inner) for guard in guards for inner in ast.walk(guard)}
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and id(node) not in for_types and node.module is not None:
+            package, *inner = node.module.split(".")
+            if package == "socp":
+                found |= {inner[0]} if inner else {_home(alias.name) for alias in node.names}
+    return found
+
+
+def _home(name: str) -> str:
+    """Return the module of the core that `from socp import name` loads."""
+    return name if (ROOT / "socp" / f"{name}.py").exists() else str(import_module("socp")._HOME[name])

@@ -5,7 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from socp import Ipopt, Problem, Solution, Word, controls, default_guess, final_time, follow, judge, solve_collocated, states, uniform
+from socp import (
+    Ipopt,
+    Problem,
+    Solution,
+    Word,
+    controls,
+    default_guess,
+    final_time,
+    follow,
+    judge,
+    solve_collocated,
+    states,
+    uniform,
+)
 from socp.guess import split
 from socp.schemes import lgr
 from socp.verdict import EXTREMAL, FEASIBLE
@@ -13,7 +26,9 @@ from socp.verdict import EXTREMAL, FEASIBLE
 SHARP = Ipopt({"tol": 1e-11})
 
 
-def solved(problem: Problem, word: str, fixed: dict[int, float] | None = None, lengths: list[float] | None = None) -> Solution:
+def solved(
+    problem: Problem, word: str, fixed: dict[int, float] | None = None, lengths: list[float] | None = None
+) -> Solution:
     """Solve a word, with some arcs held at a given length, on a mesh that resolves them; judge it."""
     phased = follow(problem, Word.parse(word, problem.control_names))
     held = fixed or {}
@@ -67,7 +82,7 @@ def test_boundary_arc_has_the_closed_form_multiplier() -> None:
 
 @pytest.fixture(scope="module")
 def auv() -> Problem:
-    from socp_problems.auv import problem  # noqa: PLC0415
+    from socp_problems.auv import problem
 
     assert isinstance(problem, Problem)
     return problem
@@ -102,7 +117,9 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("word", "fixed", "reason"), WRONG)
-def test_wrong_words_and_moved_switches_are_not_certified(auv: Problem, word: str, fixed: dict[int, float], reason: str) -> None:
+def test_wrong_words_and_moved_switches_are_not_certified(
+    auv: Problem, word: str, fixed: dict[int, float], reason: str
+) -> None:
     verdict = solved(auv, word, fixed).verdict
     assert verdict is not None
     assert not verdict.extremal
@@ -118,11 +135,13 @@ def test_distance_is_a_lower_bound(auv: Problem) -> None:
 
 
 def test_a_ringing_control_is_named(auv: Problem) -> None:
-    from socp.collocate import uniform as mesh  # noqa: PLC0415
-    from socp.phases import single_phase  # noqa: PLC0415
-    from socp.schemes import trapezoid  # noqa: PLC0415
+    from socp.collocate import uniform as mesh
+    from socp.phases import single_phase
+    from socp.schemes import trapezoid
 
-    verdict = judge(auv, solve_collocated(single_phase(auv), [mesh(trapezoid(), 400)], Ipopt(), default_guess(auv))).verdict
+    verdict = judge(
+        auv, solve_collocated(single_phase(auv), [mesh(trapezoid(), 400)], Ipopt(), default_guess(auv))
+    ).verdict
     assert verdict is not None
     assert verdict.feasible
     assert verdict.miss <= FEASIBLE
@@ -134,7 +153,10 @@ def test_a_ringing_control_is_named(auv: Problem) -> None:
 def test_the_judge_does_not_depend_on_units(units: tuple[float, float, float]) -> None:
     """A moved switch costs the same residual whatever the units of length, time and cost."""
     first = 2.3
-    plain, scaled = (solved(bang_bang(*u), "- + -", {0: first * u[1]}, [2.2 * u[1], u[1], 0.2 * u[1]]) for u in ((1.0, 1.0, 1.0), units))
+    plain, scaled = (
+        solved(bang_bang(*u), "- + -", {0: first * u[1]}, [2.2 * u[1], u[1], 0.2 * u[1]])
+        for u in ((1.0, 1.0, 1.0), units)
+    )
     assert plain.verdict is not None
     assert scaled.verdict is not None
     assert not plain.extremal

@@ -367,10 +367,10 @@ def test_hamiltonian_and_switching_functions_agree_with_automatic_differentiatio
     x_, y_, v_, w_, t, k_, p, q = values
     symbols = [vehicle.x, vehicle.u, time, vehicle.p, vehicle.costate]
     at = ([x_, y_], [v_, w_], t, k_, [p, q])
-    H = float(casadi.Function("H", symbols, [vehicle.hamiltonian])(*at))
+    value = float(casadi.Function("H", symbols, [vehicle.hamiltonian])(*at))
     rate_x, rate_y = math.cos(y_) * w_ + math.tanh(y_) + t * v_, k_ * v_ - x_ * abs(x_) + 3
     cost = x_**2 + k_ * v_ * math.sin(y_) + t * w_
-    assert H == pytest.approx(cost + p * rate_x + q * rate_y, abs=1e-11)
+    assert value == pytest.approx(cost + p * rate_x + q * rate_y, abs=1e-11)
     slope = casadi.Function("dH", symbols, [casadi.gradient(vehicle.hamiltonian, vehicle.u)])(*at).full().ravel()
     sigma = casadi.Function("sigma", [vehicle.x, time, vehicle.p, vehicle.costate], [vehicle.switching])
     by_formula = [k_ * math.sin(y_) + p * t + q * k_, t + p * math.cos(y_)]
@@ -383,3 +383,9 @@ def test_a_problem_may_have_no_control_at_all() -> None:
     assert problem.fields.shape == (1, 0)
     assert problem.switching.shape == (0, 1)
     assert problem.box.shape == (2, 0)
+
+
+def test_a_chained_relation_is_never_read_as_one_half_of_it() -> None:
+    # Python evaluates 0 <= x <= 1 as (0 <= x) and (x <= 1), and asks the first for its truth before any problem exists
+    with pytest.raises(RuntimeError, match="truth value"):
+        _ = 0 <= x <= 1

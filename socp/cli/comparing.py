@@ -86,8 +86,8 @@ def best_of(rows: list[Row]) -> float:
 
 
 def _solved(problem: "Problem", method: "Method", *, quiet: bool) -> Row:
-    from socp.guess import default_guess
     from socp.chain import run
+    from socp.guess import default_guess
 
     try:
         with progress(messages(), f"{problem.name}, {method.name}", quiet=quiet) as watch:

@@ -91,6 +91,7 @@ def _problem(name: str, registry: "Registry") -> None:
 def problem_lines(problem: "Problem") -> Iterator[Line]:
     """Yield (label, text) of all parts of a problem, in its own symbols."""
     from socp.cli.formula import formula
+    from socp.lawbook import law_lines
 
     terms = [formula(problem.minimise)] if problem.minimise is not None else []
     terms += [f"integral of {formula(problem.running)}"] if problem.running is not None else []
@@ -99,8 +100,9 @@ def problem_lines(problem: "Problem") -> Iterator[Line]:
     yield from _intervals(problem)
     for label in ("target", "path"):
         yield from ((label, f"{name}: {formula(relation)}") for name, relation in getattr(problem, label).items())
-    yield from (("singular law", f"{control} = {formula(law)}") for control, law in problem.singular.items())
+    yield from (("given law", f"{control} = {formula(law)} where singular") for control, law in problem.singular.items())
     yield from _boundary(problem)
+    yield from law_lines(problem, formula)
     yield from (("unit", f"{symbol}: {unit}") for symbol, unit in problem.units.items())
     yield from _reference(problem)
 
@@ -138,9 +140,9 @@ def _boundary(problem: "Problem") -> Iterator[Line]:
 
     for control, laws in problem.boundary.items():
         if isinstance(laws, Mapping):
-            yield from (("boundary law", f"{control} = {formula(law)} on {name}") for name, law in laws.items())
+            yield from (("given law", f"{control} = {formula(law)} on {name}") for name, law in laws.items())
         else:
-            yield "boundary law", f"{control} = {formula(laws)}"
+            yield "given law", f"{control} = {formula(laws)} on the boundary"
 
 
 def _reference(problem: "Problem") -> Iterator[Line]:

@@ -47,8 +47,8 @@ def solve(session: Session, /, **given: Any) -> int:
 
     The report goes to standard output, progress and messages to standard error, the whole solution to the result file.
     """
-    from socp.guess import default_guess
     from socp.chain import run
+    from socp.guess import default_guess
 
     asked = Asked(**given)
     session.quiet = asked.quiet
