@@ -1,7 +1,7 @@
-"""Lie derivatives along an arc, written so that the costate never appears: every function of it is a row times z = (lambda, 1).
+"""Lie derivatives along an arc, written without the costate: every function of it is a row times z = (lambda, 1).
 
-The Hamiltonian is H = [f', L] z, a switching function sigma_i = [g_i', L_ui] z, and z' = M(x, t, p, u) z on every arc, the
-multipliers of active state constraints included. The time derivative of a row is then a row again: r' = r M + dr/dt.
+The Hamiltonian is H = [f', L] z, a switching function sigma_i = [g_i', L_ui] z, and z' = M(x, t, p, u) z on every arc,
+the multipliers of active state constraints included. The time derivative of a row is a row again: r' = r M + dr/dt.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from socp.symbols import Expr, final_time, initial_time, time
 @final
 @dataclass(frozen=True, eq=False)
 class Flow:
-    """Motion on an arc: `rate` x' (nx, 1) and `matrix` M (nx + 1, nx + 1) of z' = M z, both with the arc's controls put in."""
+    """Motion on an arc: `rate` x' (nx, 1) and `matrix` M (nx + 1, nx + 1) of z' = M z, the arc's controls put in."""
 
     problem: Problem
     rate: Expr
@@ -53,7 +53,9 @@ def extended(problem: Problem) -> Expr:
 
 def switching_row(problem: Problem, i: int) -> Expr:
     """Return the row of sigma_i = dH/du_i."""
-    return casadi.horzcat(problem.fields[:, i].T, casadi.substitute(casadi.jacobian(problem.lagrangian, problem.u[i]), problem.u, 0))
+    return casadi.horzcat(
+        problem.fields[:, i].T, casadi.substitute(casadi.jacobian(problem.lagrangian, problem.u[i]), problem.u, 0)
+    )
 
 
 def hamiltonian_row(problem: Problem, control: Expr) -> Expr:
@@ -65,8 +67,9 @@ def hamiltonian_row(problem: Problem, control: Expr) -> Expr:
 def hamiltonian_value(problem: Problem) -> float | None:
     """Return the value of H along every extremal where the problem tells it, None where it does not.
 
-    It does where nothing but the Mayer term depends on time and a time is free: H = -d(Mayer)/d(tf) = d(Mayer)/d(t0), so -1
-    for minimum time and 0 where the free time does not enter. A finite interval of times may bind, so it tells nothing.
+    It does where nothing but the Mayer term depends on time and a time is free: H = -d(Mayer)/d(tf) = d(Mayer)/d(t0),
+    so -1 for minimum time and 0 where the free time does not enter. A finite interval of times may bind: it tells
+    nothing.
     """
     along = casadi.vertcat(problem.rate, problem.lagrangian, *(c.expression for c in problem.constraints))
     if casadi.depends_on(along, time):

@@ -22,8 +22,8 @@ def acting(problem: Problem, control: int) -> tuple[Constraint, ...]:
 def resolved(problem: Problem, word: Word) -> Word:
     """Return the word with a state constraint named on every boundary arc.
 
-    Where several constraints act on the control, the neighbouring bang arcs tell: before contact the control drives c up to
-    zero, after it away from zero. Raises MethodError, listing the names, where they do not.
+    Where several constraints act on the control, the neighbouring bang arcs tell: before contact the control drives c
+    up to zero, after it away from zero. Raises MethodError, listing the names, where they do not.
     """
     arcs = [tuple(_named(problem, word, k, i) for i in range(len(arc))) for k, arc in enumerate(word.arcs)]
     return Word(word.controls, tuple(arcs))
@@ -36,12 +36,19 @@ def followed(problem: Problem, i: int, mode: Mode) -> Constraint:
     if mode.constraint is None and len(candidates) == 1:
         return candidates[0]
     if mode.constraint is None:
-        question = "which state constraint does the boundary arc follow? Write" if candidates else "no state constraint depends on it:"
+        question = (
+            "which state constraint does the boundary arc follow? Write"
+            if candidates
+            else "no state constraint depends on it:"
+        )
         raise MethodError(f"problem '{problem.name}', control '{name}': {question} {listed}")
     found = next((c for c in problem.constraints if c.name == mode.constraint), None)
     if found is None:
         known = ", ".join(c.name for c in problem.constraints) or "none"
-        raise MethodError(f"problem '{problem.name}' has no state constraint '{mode.constraint}' for control '{name}' to follow; it has {known}")
+        raise MethodError(
+            f"problem '{problem.name}' has no state constraint '{mode.constraint}' for control '{name}' to follow; "
+            f"it has {known}"
+        )
     return found
 
 

@@ -37,7 +37,7 @@ def with_costate(setting: Setting, chain: Chain) -> Expr:
 
 
 def feedback(setting: Setting, chain: Chain) -> Feedback | None:
-    """Return the singular controls without the costate, by the conditions alone or, failing that, with H; None if neither will do."""
+    """Return the singular controls without the costate, by the conditions alone or else with H, or None."""
     for extra in ([], setting.energy) if setting.energy else ([],):
         rows = casadi.vertcat(*chain.rows, *extra)
         if _independent(setting, chain, rows):
@@ -48,14 +48,17 @@ def feedback(setting: Setting, chain: Chain) -> Feedback | None:
 
 
 def surface(setting: Setting, chain: Chain) -> Expr:
-    """Return equations (m, 1) in x, t, p alone that hold on the arc: where it can be, when the conditions leave no costate else."""
+    """Return equations (m, 1) in x, t, p alone that hold on the arc: elsewhere the conditions leave no costate."""
     rows = casadi.vertcat(*chain.rows, *setting.energy)
     picked, columns = _pivots(setting, chain.points, rows)
     found = []
     for extra in (k for k in range(rows.shape[0]) if k not in picked):
         for free in (k for k in range(rows.shape[1]) if k not in columns):
             minor = determinant(rows[[*picked, extra], [*columns, free]])
-            if not minor.is_zero() and sampled.nonzero(setting.problem, minor, sampled.admissible(setting.problem)).any():
+            if (
+                not minor.is_zero()
+                and sampled.nonzero(setting.problem, minor, sampled.admissible(setting.problem)).any()
+            ):
                 found.append(minor)
                 break
     return column(found)
@@ -85,7 +88,7 @@ def _solved(values: np.ndarray, k: int) -> np.ndarray:
 
 
 def _kernel(matrix: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Return a basis of the vectors (n, d) that a matrix (m, n) sends to zero; z (n,) is one of them and sets the scale."""
+    """Return a basis of the vectors (n, d) that a matrix (m, n) sends to zero; z (n,) is one and sets the scale."""
     scale = np.where(np.abs(z) > 1e-9 * np.abs(z).max(), np.abs(z), np.abs(z).max())
     scaled = matrix * scale
     scaled = scaled / np.linalg.norm(scaled, axis=1, keepdims=True).clip(1e-300)

@@ -1,4 +1,4 @@
-"""Extremal arcs: what Pontryagin's principle says on an arc whose controls are at bounds, singular or on state constraints."""
+"""Arcs before the singular controls are known: motion, boundary controls and multipliers, and what vanishes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,8 +23,9 @@ DEEPEST = 12  # total derivatives tried before an order is called infinite
 class Setting:
     """What is known of an arc beforehand.
 
-    `given` (nu, 1) holds the controls that are known, as numbers or feedback in x, t, p, and the problem's own symbols for the
-    others. Symbols of controls that are neither singular nor on a constraint are constants, unless they are in `varying`.
+    `given` (nu, 1) holds the controls that are known, as numbers or feedback in x, t, p, and the problem's own symbols
+    for the others. Symbols of controls that are neither singular nor on a constraint are constants, unless they are in
+    `varying`.
     """
 
     problem: Problem
@@ -40,7 +41,7 @@ class Setting:
 
     @cached_property
     def energy(self) -> list[Expr]:
-        """The row of H minus its value where the problem tells it, else nothing; controls with sigma = 0 drop out of H."""
+        """The row of H minus its value where the problem tells it, else none; controls with sigma = 0 drop out of H."""
         value, problem = hamiltonian_value(self.problem), self.problem
         if value is None:
             return []
@@ -52,7 +53,9 @@ class Setting:
     def name(self) -> str:
         """Return the arc in words, for messages."""
         names = self.problem.control_names
-        parts = [f"{names[i]} singular" for i in self.singular] + [f"{names[j]} on {c.name}" for j, c in self.boundary.items()]
+        parts = [f"{names[i]} singular" for i in self.singular] + [
+            f"{names[j]} on {c.name}" for j, c in self.boundary.items()
+        ]
         return f"problem '{self.problem.name}', arc with {' and '.join(parts)}"
 
 
@@ -61,9 +64,9 @@ class Setting:
 class Contact:
     """The boundary part of an arc.
 
-    `control` (nu, 1) has the boundary controls put in, in x, t, p and the singular controls; `towers` are [c, .., c^(q-1)] by
-    constraint name; `flow` carries the multipliers; `rows` vanish on the arc: sigma_j and derivatives; `multipliers` are the rows
-    of mu by constraint name, mu >= 0 where the constraint pushes.
+    `control` (nu, 1) has the boundary controls put in, in x, t, p and the singular controls; `towers` are
+    [c, .., c^(q-1)] by constraint name; `flow` carries the multipliers; `rows` vanish on the arc: sigma_j and
+    derivatives; `multipliers` are the rows of mu by constraint name, mu >= 0 where the constraint pushes.
     """
 
     control: Expr
@@ -81,11 +84,13 @@ class Contact:
 def tower(problem: Problem, constraint: Constraint, given: Expr | None = None) -> tuple[list[Expr], Expr]:
     """Return ([c, c', .., c^(q-1)], c^(q)) of a state constraint, q its order: c^(q) is the first that holds a control.
 
-    `given` (nu, 1) may put in known controls, so that the order is that for the others. Raises MethodError where no control
-    appears.
+    `given` (nu, 1) may put in known controls, so that the order is that for the others. Raises MethodError where no
+    control appears.
     """
     motion = flow(problem, problem.u if given is None else given)
-    unknown = problem.u if given is None else column(s for s in casadi.vertsplit(problem.u) if casadi.depends_on(given, s))
+    unknown = (
+        problem.u if given is None else column(s for s in casadi.vertsplit(problem.u) if casadi.depends_on(given, s))
+    )
     held = [constraint.expression]
     at = sampled.onto(problem, column(held), sampled.admissible(problem))
     for _ in range(DEEPEST):
@@ -109,7 +114,8 @@ def tower(problem: Problem, constraint: Constraint, given: Expr | None = None) -
 def contact(setting: Setting) -> Contact:
     """Return the boundary controls, the costate's flow with the multipliers put in, and what vanishes.
 
-    Raises MethodError where a constraint has no order, a control does not act on its constraint, or the multipliers stay open.
+    Raises MethodError where a constraint has no order, a control does not act on its constraint, or the multipliers
+    stay open.
     """
     problem = setting.problem
     if not setting.boundary:
@@ -148,8 +154,8 @@ def _acts(setting: Setting, j: int, constraint: Constraint, found: tuple[list[Ex
     if not sampled.nonzero(problem, casadi.jacobian(top, problem.u[j]), at).any():
         acting = [name for k, name in enumerate(problem.control_names) if casadi.depends_on(top, problem.u[k])]
         raise MethodError(
-            f"{setting.name()}: control '{problem.control_names[j]}' does not act on '{constraint.name}' (order {len(held)}), "
-            f"{', '.join(acting)} does"
+            f"{setting.name()}: control '{problem.control_names[j]}' does not act on '{constraint.name}' "
+            f"(order {len(held)}), {', '.join(acting)} does"
         )
 
 
@@ -185,7 +191,9 @@ def _without(setting: Setting, row: Expr, at: np.ndarray) -> Expr:
     if casadi.depends_on(row, casadi.vertcat(unknown, setting.varying)):
         value = casadi.mtimes(row, extended(problem))
         if sampled.nonzero(problem, casadi.jacobian(value, casadi.vertcat(unknown, setting.varying)), at).any():
-            raise MethodError(f"{setting.name()}: its multiplier depends on the rate of change of another control; not derived")
+            raise MethodError(
+                f"{setting.name()}: its multiplier depends on the rate of change of another control; not derived"
+            )
         row = casadi.substitute(row, unknown, 0) if unknown.numel() else row
     return row
 

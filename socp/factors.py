@@ -1,6 +1,4 @@
-"""Common factors of casadi expressions, and determinants: the little algebra that keeps derived laws short and regular."""
-
-from collections.abc import Sequence
+"""Common factors of casadi expressions, and determinants: the algebra that keeps derived laws short and regular."""
 
 import casadi
 
@@ -9,11 +7,13 @@ from socp.symbols import Expr, column
 _LARGEST = 3000  # nodes: beyond this the search for common factors costs more than it saves
 _ALIKE = 12  # depth to which two nodes are compared
 
+_POWERS = {casadi.OP_NEG: (-1, 1), casadi.OP_TWICE: (2, 1), casadi.OP_SQ: (1, 2), casadi.OP_INV: (1, -1)}
+
 Powers = list[tuple[Expr, int]]  # factors with their integer powers
 
 
 def primitive(entries: Expr) -> tuple[Expr, Expr]:
-    """Split entries (1, n) or (n, 1) into (factor, rest) with entries = factor * rest; the factor is 1 where there is none.
+    """Split entries (1, n) or (n, 1) into (factor, rest), entries = factor * rest; factor 1 where there is none.
 
     Factors are found in products, quotients and sums of them as they are written; nothing is multiplied out.
     """
@@ -73,29 +73,22 @@ def _split(e: Expr, memo: dict[int, tuple[Expr, float, Powers]]) -> tuple[float,
         return float(e), []
     key = e.element_hash()
     if key not in memo:
-        memo[key] = (e, *_split_node(e, memo))
+        try:
+            memo[key] = (e, *_split_node(e, memo))
+        except ZeroDivisionError:  # by a constant zero, as written: left as it is
+            memo[key] = (e, 1.0, [(e, 1)])
     return memo[key][1:]
 
 
 def _split_node(e: Expr, memo: dict[int, tuple[Expr, float, Powers]]) -> tuple[float, Powers]:
     operation = e.op() if e.n_dep() else None
-    if operation == casadi.OP_NEG:
+    if operation in _POWERS:
+        times, power = _POWERS[operation]
         number, powers = _split(e.dep(0), memo)
-        return -number, powers
-    if operation == casadi.OP_TWICE:
-        number, powers = _split(e.dep(0), memo)
-        return 2 * number, powers
-    if operation == casadi.OP_SQ:
-        number, powers = _split(e.dep(0), memo)
-        return number**2, [(f, 2 * k) for f, k in powers]
-    if operation == casadi.OP_INV:
-        number, powers = _split(e.dep(0), memo)
-        return 1 / number, [(f, -k) for f, k in powers]
+        return times * number**power, [(f, power * k) for f, k in powers]
     if operation in {casadi.OP_MUL, casadi.OP_DIV}:
         (a, left), (b, right) = _split(e.dep(0), memo), _split(e.dep(1), memo)
         sign = 1 if operation == casadi.OP_MUL else -1
-        if b == 0:
-            return (0.0, []) if sign > 0 else (1.0, [(e, 1)])
         return a * b**sign, _times(left, [(f, sign * k) for f, k in right])
     if operation in {casadi.OP_ADD, casadi.OP_SUB}:
         return _split_sum(e, 1 if operation == casadi.OP_ADD else -1, memo)

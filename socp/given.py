@@ -12,14 +12,15 @@ from socp.laws import Extremal
 from socp.problem import Problem
 from socp.symbols import Expr
 
-_ALIKE = 1e-6  # relative to the width of the control's box: laws given in decimals agree to their digits, wrong ones differ by far more
+_ALIKE = 1e-6  # relative to the control's box: laws given in decimals agree to their digits, wrong ones differ by more
 
 
 def check_laws(problem: Problem) -> None:
     """Refuse user-given laws that differ from the derived ones.
 
-    A singular law may be right only while other controls are on state constraints; it is refused if it is wrong on every arc
-    that can be derived. A law that cannot be derived is not checked. Raises ProblemError with both formulas and a point.
+    A singular law may be right only while other controls are on state constraints; it is refused if it is wrong on
+    every arc that can be derived. A law that cannot be derived is not checked. Raises ProblemError with both formulas
+    and the point where they differ most.
     """
     for i, name in enumerate(problem.control_names):
         law = laws.given_singular(problem, i)
@@ -37,12 +38,20 @@ def _check_boundary(problem: Problem, i: int) -> None:
     if isinstance(named, Mapping):
         for constraint in wanted:
             law = casadi.SX(named[constraint.name])
-            _refuse(problem, name, f"boundary law on '{constraint.name}'", law, _boundary_arcs(problem, name, [constraint.name]))
+            _refuse(
+                problem,
+                name,
+                f"boundary law on '{constraint.name}'",
+                law,
+                _boundary_arcs(problem, name, [constraint.name]),
+            )
         idle = [c for c in named if c not in {constraint.name for constraint in acting}]
         if idle:
             raise ProblemError(f"problem '{problem.name}': boundary law of '{name}': it does not act on '{idle[0]}'")
     else:
-        _refuse(problem, name, "boundary law", casadi.SX(named), _boundary_arcs(problem, name, [c.name for c in acting]))
+        _refuse(
+            problem, name, "boundary law", casadi.SX(named), _boundary_arcs(problem, name, [c.name for c in acting])
+        )
 
 
 def _singular_arcs(problem: Problem, name: str) -> Iterator[Extremal]:
@@ -70,7 +79,10 @@ def _refuse(problem: Problem, name: str, kind: str, law: Expr, arcs: list[Extrem
     differences = [_difference(problem, i, law, found) for found in arcs]
     if not differences or any(text is None for text in differences):
         return
-    raise ProblemError(f"problem '{problem.name}': the {kind} given for '{name}' is wrong: {differences[0]}; leave it out, it is derived")
+    raise ProblemError(
+        f"problem '{problem.name}': the {kind} given for '{name}' is wrong: {differences[0]}; "
+        "leave it out, it is derived"
+    )
 
 
 def _difference(problem: Problem, i: int, law: Expr, found: Extremal) -> str | None:
@@ -81,6 +93,11 @@ def _difference(problem: Problem, i: int, law: Expr, found: Extremal) -> str | N
     if not gap.size or gap.max() <= _ALIKE:
         return None
     k, name = int(np.argmax(gap)), problem.control_names[i]
-    point = ", ".join(f"{s} = {v:.6g}" for s, v in zip(problem.state_names, found.points[1 : 1 + problem.x.numel(), k], strict=True))
+    point = ", ".join(
+        f"{s} = {v:.6g}" for s, v in zip(problem.state_names, found.points[1 : 1 + problem.x.numel(), k], strict=True)
+    )
     formula = found.control[i] if found.feedback is None else found.feedback[i]
-    return f"{name} = {law}, but Pontryagin's principle gives {name} = {formula}; at {point} they are {own[k]:.6g} and {derived[k]:.6g}"
+    return (
+        f"{name} = {law}, but Pontryagin's principle gives {name} = {formula}; "
+        f"at {point} they are {own[k]:.6g} and {derived[k]:.6g}"
+    )

@@ -1,6 +1,6 @@
 """The laws of a problem for the reader: formulas, orders and the Legendre-Clebsch condition, or why there is no law."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import combinations
 from typing import final
@@ -24,9 +24,10 @@ _JOINT = 3  # controls at most of which every pair is described as singular toge
 class Law:
     """One derived law, or the reason why there is none.
 
-    `controls` are singular together, or the one that follows `constraint`; `expressions` are their laws in x, t, p, and in the
-    costate where `costate` is true; `order` of the singular arc or of the constraint; `legendre_clebsch` is the expression that
-    has to be >= 0 on an arc with one singular control; `remarks` say what sampling shows; `reason` stands where there is no law.
+    `controls` are singular together, or the one that follows `constraint`; `expressions` are their laws in x, t, p, and
+    in the costate where `costate` is true; `order` of the singular arc or of the constraint; `legendre_clebsch` is the
+    expression that has to be >= 0 on an arc with one singular control; `remarks` say what sampling shows; `reason`
+    stands where there is no law.
     """
 
     controls: tuple[str, ...]
@@ -40,7 +41,7 @@ class Law:
 
 
 def describe_laws(problem: Problem) -> list[Law]:
-    """Return the derived laws: every control singular while the others are constant, pairs of controls, every boundary arc."""
+    """Return the derived laws: each control singular, the others constant; pairs of controls; every boundary arc."""
     names = problem.control_names
     groups: list[tuple[str, ...]] = [(name,) for name in names]
     groups += list(combinations(names, 2)) if len(names) <= _JOINT else []
@@ -74,12 +75,15 @@ def _singular(problem: Problem, group: tuple[str, ...]) -> Law:
     at = [problem.control_names.index(name) for name in group]
     law = found.control if found.feedback is None else found.feedback
     single = len(group) == 1
-    remarks = [_remark(problem, found, at, "the other controls constant" if len(group) < len(problem.control_names) else "")]
+    remarks = [
+        _remark(problem, found, at, "the other controls constant" if len(group) < len(problem.control_names) else "")
+    ]
     remarks += list(_partly(problem, group[0])) if single else []
     return Law(
         controls=group, expressions=tuple(simplified(problem, law[i], found.points) for i in at),
         order=max(found.orders[name] for name in group), costate=found.feedback is None,
-        legendre_clebsch=simplified(problem, found.legendre_clebsch, found.points) if single else None, remarks=tuple(remarks),
+        legendre_clebsch=simplified(problem, found.legendre_clebsch, found.points) if single else None,
+        remarks=tuple(remarks),
     )  # fmt: skip
 
 
@@ -103,7 +107,9 @@ def _boundary(problem: Problem, name: str, constraint: str) -> Law:
     i = problem.control_names.index(name)
     law = simplified(problem, found.control[i], found.points)
     remarks = tuple(filter(None, [_outside(problem, found, [i], "")]))
-    return Law(controls=(name,), constraint=constraint, expressions=(law,), order=found.orders[constraint], remarks=remarks)
+    return Law(
+        controls=(name,), constraint=constraint, expressions=(law,), order=found.orders[constraint], remarks=remarks
+    )
 
 
 def _reason(error: MethodError) -> str:

@@ -28,8 +28,8 @@ class ArcLaw:
     """Control (nu, 1) on an arc, conditions that vanish at its entry, and the state constraints that it keeps active.
 
     `control` is an expression of x, t, p, of the problem's symbols of free controls and, where `costate` is true, of
-    `problem.costate`: then `costate_rate` (nx, 1) is lambda' on the arc and `costate_entry` vanishes where the arc begins,
-    in x, lambda, t, p. It fixes the costate's length where the conditions leave that open.
+    `problem.costate`: then `costate_rate` (nx, 1) is lambda' on the arc, and `costate_entry` vanishes where the arc
+    begins, in x, lambda, t, p. It fixes the costate's length where the conditions leave that open.
     """
 
     control: Expr
@@ -57,7 +57,10 @@ def arc_law(problem: Problem, modes: Modes) -> ArcLaw:
 
 def given_singular(problem: Problem, i: int) -> Expr | None:
     """Return the singular law that the user gives for control i, if any."""
-    return next((casadi.SX(law) for control, law in problem.singular.items() if control.name() == problem.control_names[i]), None)
+    return next(
+        (casadi.SX(law) for control, law in problem.singular.items() if control.name() == problem.control_names[i]),
+        None,
+    )
 
 
 def given_boundary(problem: Problem, j: int, constraint: Constraint) -> Expr | None:
@@ -88,7 +91,7 @@ def _arc_law(problem: Problem, modes: Modes) -> ArcLaw:
 
 
 def _shared(problem: Problem, modes: Modes) -> Extremal | None:
-    """Return the arc with its bang controls left open, where its law turns out not to depend on their values: derived once for all."""
+    """Return the arc with its bang controls left open, where its law turns out not to depend on their values."""
     if all(mode.kind not in {"lower", "upper"} for mode in modes) or any(mode.kind == "free" for mode in modes):
         return None
     try:
@@ -97,7 +100,9 @@ def _shared(problem: Problem, modes: Modes) -> Extremal | None:
         return None
     at = [i for i, mode in enumerate(modes) if mode.kind in {"lower", "upper"}]
     bangs = column(problem.u[i] for i in at)
-    if found.feedback is None or any(casadi.depends_on(found.feedback[i], bangs) for i in range(len(modes)) if i not in at):
+    if found.feedback is None or any(
+        casadi.depends_on(found.feedback[i], bangs) for i in range(len(modes)) if i not in at
+    ):
         return None
     values = column(problem.box[int(modes[i].kind == "upper"), i] for i in at)
     return replace(found, feedback=casadi.substitute(found.feedback, bangs, values))
@@ -115,4 +120,6 @@ def _inside(problem: Problem, setting: Setting, control: Expr) -> None:
     for i in (*setting.singular, *setting.boundary):
         if control[i].is_constant() and not problem.box[0, i] <= float(control[i]) <= problem.box[1, i]:
             name, low, high = problem.control_names[i], *problem.box[:, i]
-            raise MethodError(f"{setting.name()}: its law {name} = {float(control[i]):g} lies outside the bounds ({low:g}, {high:g})")
+            raise MethodError(
+                f"{setting.name()}: its law {name} = {float(control[i]):g} lies outside the bounds ({low:g}, {high:g})"
+            )

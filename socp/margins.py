@@ -1,15 +1,20 @@
 """What a verdict says beyond residuals: strictness, ringing, errors of objective and switching times."""
 
 import itertools
+from collections.abc import Iterator
 
 import casadi
 import numpy as np
 
+from socp import laws
 from socp.adjoint import POINTS, Samples
+from socp.conditions import mode_at
+from socp.errors import MethodError
 from socp.problem import Problem
 from socp.schemes import lgr
 from socp.solution import Arc, Solution, lagrange
-from socp.symbols import final_time, initial_time
+from socp.symbols import final_time, initial_time, time
+from socp.word import Mode
 
 _SCHEME = lgr(POINTS)
 
@@ -41,13 +46,59 @@ def ringing(problem: Problem, solution: Solution) -> dict[str, float]:
     """
     found = {}
     for i, name in enumerate(problem.control_names):
-        values = np.concatenate(
-            [arc.u[i, arc.nodes(k, "u")] for arc in solution.arcs for k in range(len(arc.mesh) - 1)]
-        )
+        values = np.concatenate([_once(arc)[i] for arc in solution.arcs])
         least = 1e-3 * float(problem.box[1, i] - problem.box[0, i])
         calm = np.convolve(np.pad(values, 1, mode="edge"), [0.25, 0.5, 0.25], mode="valid")
         found[name] = float((np.abs(np.diff(values)).sum() + least) / (np.abs(np.diff(calm)).sum() + least))
     return found
+
+
+def legendre_clebsch(
+    problem: Problem, solution: Solution, samples: Samples, costate: np.ndarray
+) -> tuple[dict[str, float], list[str]]:
+    """Return the generalised Legendre-Clebsch expression on every arc with singular controls, and why where it is unknown.
+
+    The least eigenvalue of the matrix (-1)^q d/du d^(2q) sigma / dt^(2q) along the arc over its largest entry there, to
+    be non-negative (Kelley, Kopp, Moyer, Topics in Optimization, 1967, chapter 3).
+    """
+    found: dict[str, float] = {}
+    unknown: list[str] = []
+    for arc, inside in _joint_arcs(problem, solution, samples):
+        singular = [i for i, (mode, _) in enumerate(arc) if mode == "s"]
+        if not singular:
+            continue
+        label = ", ".join(f"{problem.control_names[i]}, stretch {arc[i][1]} (s)" for i in singular)
+        try:
+            law = laws.extremal_arc(problem, tuple(Mode.parse(mode) for mode, _ in arc))
+        except MethodError as error:
+            unknown.append(f"the Legendre-Clebsch condition on {label} is unknown: {error}")
+            continue
+        symbols = [problem.x, problem.u, problem.costate, time, problem.p]
+        function = casadi.Function("clebsch", symbols, [casadi.densify(law.legendre_clebsch)])
+        p = np.repeat(samples.p[:, None], int(inside.sum()), axis=1)
+        values = function.map(p.shape[1])(
+            samples.x[:, inside], samples.u[:, inside], costate[:, inside], samples.t[None, inside], p
+        ).full()
+        matrices = values.reshape(len(singular), p.shape[1], len(singular)).transpose(1, 0, 2)
+        size = max(float(np.abs(matrices).max()), 1e-300)
+        least = float(np.linalg.eigvalsh((matrices + matrices.transpose(0, 2, 1)) / 2.0).min()) / size
+        found[label] = min(found.get(label, np.inf), least)
+    return found, unknown
+
+
+def _joint_arcs(
+    problem: Problem, solution: Solution, samples: Samples
+) -> Iterator[tuple[tuple[tuple[str, int], ...], np.ndarray]]:
+    """Yield (mode and number of its stretch by control, mask (n,) of the nodes) for every arc of all controls together."""
+    middle = 0.5 * (samples.edges[1:] + samples.edges[:-1])
+    joint = [tuple(mode_at(solution, name, float(t)) for name in problem.control_names) for t in middle]
+    for arc in dict.fromkeys(joint):
+        yield arc, np.repeat([each == arc for each in joint], samples.width)
+
+
+def _once(arc: Arc) -> np.ndarray:
+    """Return the controls (nu, n) at the collocated nodes of an arc, every node once."""
+    return np.array(arc.u[:, (arc.side == "right") : arc.t.size - (arc.side == "left")])
 
 
 def objective_error(
@@ -55,9 +106,9 @@ def objective_error(
 ) -> float:
     """Estimate the error of the objective, in its own units, by the dual-weighted residual.
 
-    The sum of three: costate (nx, n) times the defect f - x' of the returned states, the difference between the
-    returned objective and its own quadrature, and the Hamiltonian `gain` (n,) that better controls would have over
-    the horizon.
+    The sum of four: costate (nx, n) times the defect f - x' of the returned states along the way, and times the miss of
+    the re-integrated end; the difference between the returned objective and its own quadrature; and the Hamiltonian
+    `gain` (n,) that better controls would have over the horizon.
     """
     v, half = samples.values, 0.5 * np.diff(samples.edges)
     shape = (-1, samples.intervals, samples.width)
@@ -69,7 +120,9 @@ def objective_error(
     defect = float((weights * np.abs((costates * (f - slope)).sum(axis=0))).sum())
     cost = float((weights * v["L"].reshape(shape[1:])[:, :-1]).sum()) + _mayer(problem, solution)
     missed = float((weights * gain.reshape(shape[1:])[:, :-1]).sum())
-    return defect + abs(cost - solution.objective) + missed
+    ends = [np.array(seen.end) for seen in solution.verified if seen.end]
+    end = max((float(np.abs(costate[:, -1] @ (x - solution.arcs[-1].x[:, -1]))) for x in ends), default=0.0)
+    return defect + end + abs(cost - solution.objective) + missed
 
 
 def _mayer(problem: Problem, solution: Solution) -> float:

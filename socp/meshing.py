@@ -16,7 +16,7 @@ def tails(arc: Arc, scale: np.ndarray) -> np.ndarray:
     for k in range(len(arc.mesh) - 1):
         nodes = arc.nodes(k)
         t, x = arc.t[nodes], arc.x[:, nodes]
-        if np.ptp(t) <= 0:
+        if _merged(t):
             found.append(0.0)
             continue
         tau = 2.0 * (t - t[0]) / (t[-1] - t[0]) - 1.0
@@ -30,10 +30,11 @@ def refined(arcs: tuple[Arc, ...], scale: np.ndarray, points: int, tolerance: fl
     meshes: list[Mesh] = []
     grown = False
     for arc in arcs:
-        shares = np.diff(arc.t[arc.mesh]) / max(float(np.ptp(arc.t)), 1e-300)
+        ends = arc.t[arc.mesh]
+        shares = np.full(ends.size - 1, 1.0) if _merged(ends) else np.diff(ends)
         # the error of an interval falls with its length to the power of its degree
         wanted = np.ceil(np.clip((tails(arc, scale) / tolerance) ** (1.0 / points), 1.0, _GROWTH)).astype(int)
-        if np.ptp(arc.t) <= 0 or shares.size >= _CROWD:
+        if shares.size >= _CROWD:
             wanted[:] = 1
         grown |= bool((wanted > 1).any())
         meshes.append(
@@ -44,3 +45,8 @@ def refined(arcs: tuple[Arc, ...], scale: np.ndarray, points: int, tolerance: fl
             ]
         )
     return meshes if grown else None
+
+
+def _merged(t: np.ndarray) -> bool:
+    """Tell whether an arc has shrunk until rounding merges its times t (n,), or turns their order."""
+    return bool(np.diff(t).min() <= 4 * np.spacing(np.abs(t).max()))

@@ -155,11 +155,14 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
         np.zeros_like(samples.t) if certain else _gain(problem, samples, switching)
     )  # else it would measure the judge
     error = margins.objective_error(problem, solution, samples, costate, gain)
+    clebsch, unknown = margins.legendre_clebsch(problem, solution, samples, costate)
     verdict = Verdict(
         miss=max((f.worst for f in solution.verified), default=float("inf")),
         findings=findings,
         distance=distance,
         normality=max(float(np.abs(samples.values["L"]).max()), abs(along.ends.slope_tf)) / size,
+        legendre_clebsch=clebsch,
+        notes=tuple(unknown),
         margins=margins.strictness(problem, solution, samples, switching, size),
         ringing=margins.ringing(problem, solution),
         objective_error=error,

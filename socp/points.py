@@ -1,4 +1,4 @@
-"""Random admissible points, moved onto the surfaces on which a law has to hold: what "identically zero" is decided by."""
+"""Random admissible points, moved onto the surfaces on which a law has to hold: they decide what is zero there."""
 
 from collections.abc import Callable
 from typing import Any
@@ -37,14 +37,17 @@ def evaluator(problem: Problem, *expressions: Expr) -> Evaluate:
         n = points.shape[1]
         results = function.map(n)(points)
         listed = results if isinstance(results, tuple) else (results,)
-        return tuple(np.array(r.full()).reshape(e.shape[0], n, e.shape[1]).transpose(1, 0, 2) for r, e in zip(listed, shaped, strict=True))
+        return tuple(
+            np.array(r.full()).reshape(e.shape[0], n, e.shape[1]).transpose(1, 0, 2)
+            for r, e in zip(listed, shaped, strict=True)
+        )
 
     shaped = [casadi.SX(e) for e in expressions]
     return evaluate
 
 
 def spread(problem: Problem) -> np.ndarray:
-    """Return how much every symbol (nv,) varies over the admissible points; a thousandth of its size where it does not."""
+    """Return how much every symbol (nv,) varies over the admissible points; where it does not, a bit of its size."""
     points = admissible(problem)
     size = np.sqrt(np.mean(points**2, axis=1))
     varies = points.std(axis=1)
@@ -52,14 +55,14 @@ def spread(problem: Problem) -> np.ndarray:
 
 
 def admissible(problem: Problem, count: int = COUNT) -> np.ndarray:
-    """Return points (nv, count) that random bang controls reach from the start, with random costates and bang controls."""
+    """Return points (nv, count) that random bang controls reach from the start, with random costates and controls."""
     if problem not in _BASES or _BASES[problem].shape[1] < count:
         _BASES[problem] = _reached(problem, count)
     return _BASES[problem][:, :count].copy()
 
 
 def onto(problem: Problem, equations: Expr, points: np.ndarray) -> np.ndarray:
-    """Move points (nv, n) in state and costate onto `equations` = 0 (m, 1) by Gauss-Newton; returns those that arrive (nv, k).
+    """Move points (nv, n) in state and costate onto `equations` = 0 (m, 1); return those that arrive (nv, k).
 
     Points within the state bounds are preferred: others are returned only where there are none within.
     """
@@ -83,10 +86,10 @@ def onto(problem: Problem, equations: Expr, points: np.ndarray) -> np.ndarray:
 
 
 def nonzero(problem: Problem, expression: Expr, points: np.ndarray) -> np.ndarray:
-    """Tell for every entry of an expression (rows, columns) whether it is generically different from zero at the points.
+    """Tell for every entry of an expression (rows, columns) whether it differs from zero at most of the points.
 
-    An entry counts as zero where a tiny change of the point changes it by its own size: it is round-off, or vanishes on the
-    surface that the points lie on.
+    An entry counts as zero where a tiny change of the point changes it by its own size: it is round-off, or vanishes
+    on the surface that the points lie on.
     """
     if not expression.nnz() or not points.shape[1]:
         return np.zeros(expression.shape, dtype=bool)
@@ -95,7 +98,7 @@ def nonzero(problem: Problem, expression: Expr, points: np.ndarray) -> np.ndarra
 
 
 def generic(problem: Problem, value: Callable[[np.ndarray], np.ndarray], points: np.ndarray) -> np.ndarray:
-    """Tell for every entry of value(points) (n, ...) whether it is a number rather than round-off, at most of the points."""
+    """Tell for every entry of value(points) (n, ...) whether it is a number, not round-off, at most of the points."""
     random, n = np.random.default_rng(1), points.shape[1]
     size = spread(problem)[:, None]  # not of these points, on which a symbol may be round-off itself
     moved = [points + _NUDGE * size * random.standard_normal(points.shape) for _ in range(4)]
@@ -110,7 +113,7 @@ def generic(problem: Problem, value: Callable[[np.ndarray], np.ndarray], points:
 
 
 def _newton(evaluate: Evaluate, points: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return which points lie on the surface (n,) and the step (m, n) of the movable symbols, of sizes weight (m,), for all."""
+    """Return which points lie on the surface (n,) and the step (m, n) of the movable symbols, of sizes weight (m,)."""
     with np.errstate(all="ignore"):
         value, slope = evaluate(points)
         value, scaled = value[:, :, 0], slope * weight
@@ -153,7 +156,9 @@ def _reached(problem: Problem, count: int) -> np.ndarray:
     return np.vstack([(t0 + lengths)[None, :], x, p, costate, _bangs(problem, count, random)])
 
 
-def _simulated(problem: Problem, x: np.ndarray, given: tuple[float, np.ndarray, np.ndarray], random: np.random.Generator) -> np.ndarray:
+def _simulated(
+    problem: Problem, x: np.ndarray, given: tuple[float, np.ndarray, np.ndarray], random: np.random.Generator
+) -> np.ndarray:
     """Integrate random piecewise constant bang controls by Runge-Kutta, states kept within their bounds."""
     (t0, lengths, p), count = given, x.shape[1]
     flow = casadi.Function("f", [problem.x, problem.u, time, problem.p], [problem.rate]).map(count)
@@ -182,7 +187,10 @@ def _starts(problem: Problem, count: int, random: np.random.Generator) -> np.nda
 def _drawn(box: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
     """Draw values (n, count) from intervals (2, n); an open end is put one size of the other one away."""
     low, high = box
-    reach = np.nan_to_num(np.where(np.isfinite(low), np.abs(low), 0.0) + np.where(np.isfinite(high), np.abs(high), 0.0)) + 1.0
+    reach = (
+        np.nan_to_num(np.where(np.isfinite(low), np.abs(low), 0.0) + np.where(np.isfinite(high), np.abs(high), 0.0))
+        + 1.0
+    )
     first = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high, 0.0) - reach)
     last = np.where(np.isfinite(high), high, np.where(np.isfinite(low), low, 0.0) + reach)
     drawn: np.ndarray = first[:, None] + (last - first)[:, None] * random.random((low.size, count))
@@ -191,7 +199,8 @@ def _drawn(box: np.ndarray, count: int, random: np.random.Generator) -> np.ndarr
 
 def _bangs(problem: Problem, count: int, random: np.random.Generator) -> np.ndarray:
     side = random.integers(0, 2, (problem.box.shape[1], count))
-    return np.where(side == 1, problem.box[1][:, None], problem.box[0][:, None])
+    drawn: np.ndarray = np.where(side == 1, problem.box[1][:, None], problem.box[0][:, None])
+    return drawn
 
 
 def _horizon(problem: Problem) -> float:
@@ -217,7 +226,9 @@ def _horizon(problem: Problem) -> float:
 def _cost(problem: Problem, x: np.ndarray, t: np.ndarray, p: np.ndarray) -> float:
     """Return the size of the running cost over points, 1 where there is none: costates are measured by it."""
     u = np.zeros((problem.u.numel(), x.shape[1]))
-    running = casadi.Function("L", [problem.x, problem.u, time, problem.p], [column([problem.lagrangian])]).map(x.shape[1])
+    running = casadi.Function("L", [problem.x, problem.u, time, problem.p], [column([problem.lagrangian])]).map(
+        x.shape[1]
+    )
     value = np.abs(running(x, u, t, p).full())
     size = float(np.nanmean(np.where(np.isfinite(value), value, np.nan))) if np.isfinite(value).any() else 0.0
     return size if size > 0 else 1.0

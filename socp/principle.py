@@ -1,4 +1,4 @@
-"""What Pontryagin's principle says on an arc: controls, costates, multipliers, orders and the Legendre-Clebsch condition."""
+"""What Pontryagin's principle says on an arc: controls, costate, multipliers, orders, Legendre-Clebsch condition."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from socp import points as sampled
 from socp.brackets import extended
 from socp.contacts import followed
 from socp.extremal import Contact, Setting
-from socp.problem import Constraint, Problem
+from socp.problem import Problem
 from socp.singular import Chain, chain, matrix_of
 from socp.symbols import Expr, column
 from socp.word import Mode
@@ -25,12 +25,12 @@ Modes = tuple[Mode, ...]
 class Extremal:
     """What Pontryagin's principle says on an arc, in x, lambda (`problem.costate`), t, p and the constant controls.
 
-    `control` (nu, 1) with the costate; `feedback` (nu, 1) without it or None, `hamiltonian` telling whether it needs the known
-    value of H; `orders` by singular control and by state constraint; `conditions` (m, 1) vanish all along the arc, among them
-    every sigma; `entry` (k, 1) are the state equations c = .. = c^(q-1) = 0;
-    `multipliers` mu >= 0 by constraint name, with lambda' = -H_x - sum mu dc/dx = `costate_rate`; `legendre_clebsch` (s, s) over
-    the singular controls must be positive semidefinite; `equations` (e, 1) are all that vanishes on the arc's surface, H = const included;
-    `points` (nv, n), see `socp.points`, lie on it.
+    - control (nu, 1) with the costate; feedback (nu, 1) without it or None; hamiltonian: it needs the known value of H;
+    - orders by singular control and by state constraint;
+    - conditions (m, 1) vanish all along the arc, among them every sigma; entry (k, 1): c = .. = c^(q-1) = 0;
+    - multipliers mu >= 0 by constraint name, with lambda' = -H_x - sum mu dc/dx = costate_rate (nx, 1);
+    - legendre_clebsch (s, s) over the singular controls must be positive semidefinite;
+    - equations (e, 1): all that vanishes on the arc, H = const included; points (nv, n) (`socp.points`) satisfy them.
     """
 
     control: Expr
@@ -61,9 +61,10 @@ def extremal_arc(problem: Problem, modes: Modes) -> Extremal:
 
 
 def derive(problem: Problem, singular: tuple[str, ...] = (), boundary: Mapping[str, str] | None = None) -> Extremal:
-    """Return what the principle says where some controls are singular, some on constraints, the others constant, whatever their value.
+    """Return what the principle says with some controls singular, some on constraints, the others constant.
 
-    `boundary` names a state constraint by control. The constant controls keep the problem's symbols. Raises MethodError.
+    `boundary` names a state constraint by control. The constant controls keep the problem's symbols: the result holds
+    whatever their values. Raises MethodError.
     """
     on = boundary or {}
     kinds = {name: Mode("singular") for name in singular} | {name: Mode("boundary", on[name]) for name in on}
@@ -90,11 +91,16 @@ def setting_of(problem: Problem, modes: Modes, *, constant: bool, given: Mapping
 
 
 def arc(problem: Problem, modes: Modes, *, constant: bool) -> Extremal:
-    known: dict[tuple[Modes, bool], Extremal] = vars(problem).setdefault("_extremals", {})  # as its own cached properties
+    """Return what the principle says on an arc; free controls are constants, or functions of time that vary freely."""
+    known: dict[tuple[Modes, bool], Extremal] = vars(problem).setdefault(
+        "_extremals", {}
+    )  # as its own cached properties
     if (modes, constant) not in known:
         setting = setting_of(problem, modes, constant=constant)
         touch = extremal.contact(setting)
-        known[modes, constant] = _with_singular(setting, touch) if setting.singular else _without_singular(setting, touch)
+        known[modes, constant] = (
+            _with_singular(setting, touch) if setting.singular else _without_singular(setting, touch)
+        )
     return known[modes, constant]
 
 
@@ -104,7 +110,8 @@ def _without_singular(setting: Setting, touch: Contact) -> Extremal:
     equations = extremal.equations(setting, touch, touch.rows)
     points = sampled.onto(setting.problem, equations, sampled.admissible(setting.problem))
     return Extremal(
-        control=touch.control, feedback=touch.control, hamiltonian=False, orders={c: len(held) for c, held in touch.towers.items()},
+        control=touch.control, feedback=touch.control, hamiltonian=False,
+        orders={c: len(held) for c, held in touch.towers.items()},
         conditions=conditions, entry=touch.held, multipliers=_multipliers(touch, z, {}),
         costate_rate=_costate_rate(touch, z), legendre_clebsch=casadi.SX(0, 0), equations=equations, points=points,
     )  # fmt: skip
@@ -142,6 +149,6 @@ def _costate_rate(touch: Contact, z: Expr) -> Expr:
 
 
 def _legendre_clebsch(found: Chain, z: Expr) -> Expr:
-    """Return (-1)^q d/du sigma^(2q) over the singular controls (s, s); it must be positive semidefinite where H is minimised."""
+    """Return (-1)^q d/du sigma^(2q) over the singular controls (s, s): positive semidefinite where H is minimised."""
     signs = casadi.diag(column((-1) ** q * factor for q, factor in zip(found.orders, found.factors, strict=True)))
     return casadi.mtimes(signs, matrix_of(found.slopes, z))

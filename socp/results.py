@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from socp.errors import SolveError
 from socp.verdict import Finding, Verdict
 
 SCHEMA = 1  # version of the result file; a reader refuses any other
+T = TypeVar("T")
 _DERIVED = ("word", "switches", "extremal")  # in the file for its readers; a solution works them out
 
 
@@ -26,8 +27,8 @@ def to_json(solution: Any) -> str:
     return json.dumps(_plain(document), allow_nan=False, indent=1)
 
 
-def read(text: str, stops: Any, feasibility: Callable[..., Any]) -> dict[str, Any]:
-    """Return the fields of a solution from its text; SolveError says what is wrong with anything else."""
+def read(text: str, solution: Callable[..., T], stops: Any, feasibility: Callable[..., Any]) -> T:
+    """Return the solution that `to_json` wrote; SolveError says what is wrong with anything else."""
     try:
         document = json.loads(text)
         schema = document.pop("schema")
@@ -35,7 +36,7 @@ def read(text: str, stops: Any, feasibility: Callable[..., Any]) -> dict[str, An
             raise SolveError(f"result has schema {schema}; this socp reads schema {SCHEMA}")
         for derived in _DERIVED:
             document.pop(derived)
-        return {**document, **_fields(document, stops, feasibility)}
+        return solution(**{**document, **_fields(document, stops, feasibility)})
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise SolveError(f"not a socp result: {type(error).__name__}: {error}") from error
 
@@ -44,6 +45,9 @@ def _fields(document: Mapping[str, Any], stops: Any, feasibility: Callable[..., 
     """Return the fields that JSON does not hold as they are."""
     if not document["arcs"]:
         raise ValueError("it has no arcs")
+    for name in ("problem", "method", "message"):
+        if not isinstance(document[name], str):
+            raise ValueError(f"its {name} is {document[name]!r} where a text is needed")  # noqa: TRY004 - read as one
     return {
         "arcs": tuple(_arc(arc) for arc in document["arcs"]),
         "stop": stops[document["stop"]],
@@ -99,7 +103,8 @@ def _float(value: Any) -> float:
 
 
 def _feasibility(data: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: _float(v) if k in {"miss", "path", "box", "drift"} else v for k, v in data.items()}
+    figures = {k: _float(data[k]) for k in ("miss", "path", "box", "drift")}
+    return {**data, **figures, "end": tuple(_float(v) for v in data["end"])}
 
 
 def _verdict(data: Mapping[str, Any]) -> Verdict:

@@ -23,13 +23,15 @@ _SAME = 1e-9  # relative difference that two ways to evaluate one formula may ha
 
 _LARGE = 1e4  # numbers in a sum above which they are divided by the least of them
 _NAMES = (
-    "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "sign",
+    "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh",
+    "sign",
 )  # fmt: skip
 _OPERATIONS: dict[int, str | Callable[..., Any]] = {
     **{getattr(casadi, f"OP_{name.upper()}"): name for name in _NAMES}, casadi.OP_FABS: "Abs",
     casadi.OP_ADD: lambda a, b: a + b, casadi.OP_SUB: lambda a, b: a - b, casadi.OP_MUL: lambda a, b: a * b,
     casadi.OP_DIV: lambda a, b: a / b, casadi.OP_POW: lambda a, b: a**b, casadi.OP_CONSTPOW: lambda a, b: a**b,
-    casadi.OP_NEG: lambda a: -a, casadi.OP_SQ: lambda a: a**2, casadi.OP_TWICE: lambda a: 2 * a, casadi.OP_INV: lambda a: 1 / a,
+    casadi.OP_NEG: lambda a: -a, casadi.OP_SQ: lambda a: a**2, casadi.OP_TWICE: lambda a: 2 * a,
+    casadi.OP_INV: lambda a: 1 / a,
 }  # fmt: skip
 
 
@@ -38,7 +40,7 @@ class _TooLongError(Exception):
 
 
 def simplified(problem: Problem, expression: Expr, points: np.ndarray) -> Expr:
-    """Return an expression (1, 1) as short as sympy can make it in a few seconds, its values at points (nv, n) unchanged.
+    """Return an expression (1, 1) as short as sympy makes it in a few seconds, its values at points (nv, n) unchanged.
 
     Returns the expression itself where it cannot be translated, takes too long, or does not come out the same.
     """
@@ -57,7 +59,7 @@ def simplified(problem: Problem, expression: Expr, points: np.ndarray) -> Expr:
 
 
 def length(expression: Expr) -> int:
-    """Return the number of signs that an expression is written with: symbols, numbers and operations, repetitions counted."""
+    """Return how many symbols, numbers and operations an expression is written with, repetitions counted."""
     memo: dict[int, tuple[Expr, int]] = {}
 
     def count(e: Expr) -> int:
@@ -115,7 +117,7 @@ def _limited(seconds: float) -> Iterator[None]:
 @final
 @dataclass(eq=False)
 class _Translation:
-    """Between casadi and sympy. An exponential is one symbol to sympy, which would split it into powers of huge numbers."""
+    """Between casadi and sympy. An exponential is one symbol to sympy, which would make huge powers of it."""
 
     symbols: dict[str, Expr]
     memo: dict[int, tuple[Expr, Any]] = field(default_factory=dict)
@@ -169,7 +171,13 @@ class _Translation:
             return self._sum(e)
         parts = [self.back(part) for part in e.args]
         if isinstance(e, sympy.Pow):
-            return 1 / parts[0] if e.exp == -1 else 1 / parts[0] ** -parts[1] if e.exp.is_negative else parts[0] ** parts[1]
+            return (
+                1 / parts[0]
+                if e.exp == -1
+                else 1 / parts[0] ** -parts[1]
+                if e.exp.is_negative
+                else parts[0] ** parts[1]
+            )
         name = "fabs" if isinstance(e, sympy.Abs) else type(e).__name__
         if not hasattr(casadi, name):
             raise _TooLongError
@@ -188,11 +196,9 @@ class _Translation:
         number, rest = e.as_coeff_Mul()
         above, below = rest.as_numer_denom()
         top, bottom, number = casadi.SX(1), casadi.SX(1), float(number)
-        for factor in above.as_ordered_factors():
-            size, factor = _content(factor)
+        for size, factor in map(_content, above.as_ordered_factors()):
             number, top = number * size, top * self.back(factor)
-        for factor in below.as_ordered_factors():
-            size, factor = _content(factor)
+        for size, factor in map(_content, below.as_ordered_factors()):
             number, bottom = number / size, bottom * self.back(factor)
         return number * top / bottom if not top.is_constant() or bottom.is_constant() else number / bottom
 

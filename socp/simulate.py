@@ -1,5 +1,6 @@
 """Independent re-integration of a solution's control: where it really goes, against where the solution says."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
@@ -114,33 +115,6 @@ def fast(function: casadi.Function) -> Callable[..., np.ndarray]:
     return call
 
 
-def _verify(problem: Problem, solution: Solution, pieces: list[list[_Piece]], *, feedback: bool) -> Feasibility:
-    scale, p = scales(problem, solution), _parameters(problem, solution)
-    log, error, drift = _Log(), "", 0.0
-    x = np.clip(solution.arcs[0].x[:, 0], *problem.start_box)
-    log.keep(solution.initial_time, x, pieces[0][0].control(solution.initial_time, x))
-    flow = fast(casadi.Function("flow", [problem.x, problem.u, time, problem.p], [problem.rate]))
-    horizon = solution.final_time - solution.initial_time
-    for arc, stretches in zip(solution.arcs, pieces, strict=True):
-        for piece in stretches:
-            x, error = _integrate(partial(_rate, flow, piece.control, p), piece, x, (scale, horizon), log)
-            if error:
-                break
-        if error:
-            break
-        drift = max(drift, float(np.max(np.abs(x - arc.x[:, -1]) / scale)))
-    miss, miss_at = _miss(problem, solution, x, scale)
-    path, path_at = _path(problem, log, p, scale)
-    box = _outside(np.hstack([np.array(log.u).T, *(arc.u for arc in solution.arcs)]), problem.box)
-    return Feasibility(
-        miss=miss, miss_at=miss_at, path=path, path_at=path_at, box=box, drift=drift, feedback=feedback, error=error
-    )  # fmt: skip
-
-
-def _rate(flow: Callable[..., np.ndarray], control: Control, p: np.ndarray, t: float, x: np.ndarray) -> np.ndarray:
-    return flow(x, control(t, x), t, p)
-
-
 @final
 @dataclass(frozen=True)
 class _Log:
@@ -154,6 +128,43 @@ class _Log:
         self.t.append(t)
         self.x.append(x)
         self.u.append(u)
+
+
+def _verify(problem: Problem, solution: Solution, pieces: list[list[_Piece]], *, feedback: bool) -> Feasibility:
+    scale, p, log = scales(problem, solution), _parameters(problem, solution), _Log()
+    with np.errstate(all="ignore"):  # what overflows on the way ends as an error of the integration
+        x, drift, error = _travel(problem, solution, pieces, scale, log)
+    miss, miss_at = _miss(problem, solution, x, scale)
+    path, path_at = _path(problem, log, p, scale)
+    box = _outside(np.hstack([np.array(log.u).T, *(arc.u for arc in solution.arcs)]), problem.box)
+    return Feasibility(
+        miss=miss, miss_at=miss_at, path=path, path_at=path_at, box=box, drift=drift, feedback=feedback,
+        end=tuple(x.tolist()), error=error,
+    )  # fmt: skip
+
+
+def _travel(
+    problem: Problem, solution: Solution, pieces: list[list[_Piece]], scale: np.ndarray, log: _Log
+) -> tuple[np.ndarray, float, str]:  # fmt: skip
+    """Integrate over all pieces; returns the last state, the drift and, where it breaks down, the reason."""
+    drift, p = 0.0, _parameters(problem, solution)
+    x = np.clip(solution.arcs[0].x[:, 0], *problem.start_box)
+    log.keep(solution.initial_time, x, pieces[0][0].control(solution.initial_time, x))
+    if not all(np.isfinite(values).all() for values in (x, solution.t, solution.rows("u"), p)):
+        return x, math.inf, "the solution itself is not finite"
+    flow = fast(casadi.Function("flow", [problem.x, problem.u, time, problem.p], [problem.rate]))
+    horizon = solution.final_time - solution.initial_time
+    for arc, stretches in zip(solution.arcs, pieces, strict=True):
+        for piece in stretches:
+            x, error = _integrate(partial(_rate, flow, piece.control, p), piece, x, (scale, horizon), log)
+            if error:
+                return x, drift, error
+        drift = max(drift, float(np.max(np.abs(x - arc.x[:, -1]) / scale)))
+    return x, drift, ""
+
+
+def _rate(flow: Callable[..., np.ndarray], control: Control, p: np.ndarray, t: float, x: np.ndarray) -> np.ndarray:
+    return flow(x, control(t, x), t, p)
 
 
 def _integrate(

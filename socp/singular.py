@@ -29,9 +29,9 @@ class Link:
 class Chain:
     """What the singular controls of an arc satisfy.
 
-    `rows` (each (1, nx + 1)) vanish on the arc; the controls solve `slopes` u = -`rest`, entries [k][l] and [k] being rows, from
-    sigma_k^(2 q_k) / factors[k]; `orders` are the q_k; `goh` counts the rows that come from Goh's condition; `points` (nv, n) lie
-    on the arc's surface.
+    `rows` (each (1, nx + 1)) vanish on the arc; the controls solve `slopes` u = -`rest`, entries [k][l] and [k] being
+    rows, from sigma_k^(2 q_k) / factors[k]; `orders` are the q_k; `goh` counts the rows that come from Goh's condition;
+    `points` (nv, n) lie on the arc's surface.
     """
 
     rows: list[Expr]
@@ -55,16 +55,21 @@ class _Search:
     solved: dict[int, tuple[Expr, list[Expr], Link]] = field(default_factory=dict)
 
     def add(self, row: Expr, what: str) -> tuple[Expr, Expr]:
-        """Add a row, without its common factor where that leaves points; returns (factor, row). MethodError where none is left."""
+        """Add a row, without its common factor where that leaves points; return (factor, row).
+
+        Raises MethodError where no point is left.
+        """
         factor, short = reduced(row)
         for scale, candidate in ((factor, short), (casadi.SX(1), row)):
-            at = sampled.onto(self.setting.problem, equations(self.setting, self.touch, [*self.rows, candidate]), self.points)
+            at = sampled.onto(
+                self.setting.problem, equations(self.setting, self.touch, [*self.rows, candidate]), self.points
+            )
             if at.shape[1]:
                 self.rows, self.points = [*self.rows, candidate], at
                 return scale, candidate
         raise MethodError(
-            f"{self.setting.name()}: no such arc was found: no state and costate satisfy {what} with all that precedes it "
-            f"({self.points.shape[1]} points tried)"
+            f"{self.setting.name()}: no such arc was found: no state and costate satisfy {what} with all that "
+            f"precedes it ({self.points.shape[1]} points tried)"
         )
 
     def holds(self, rows: Sequence[Expr]) -> np.ndarray:
@@ -76,8 +81,8 @@ class _Search:
 def chain(setting: Setting, touch: Contact) -> Chain:
     """Differentiate sigma of every singular control until singular controls appear in all of them.
 
-    Raises MethodError, naming the case, where a control never appears (infinite order), no point satisfies the conditions, the
-    controls do not follow from them, or a control that varies freely would have to be differentiated.
+    Raises MethodError, naming the case, where a control never appears (infinite order), no point satisfies the
+    conditions, the controls do not follow from them, or a control that varies freely would have to be differentiated.
     """
     search = _begin(setting, touch)
     links = {}
@@ -89,7 +94,8 @@ def chain(setting: Setting, touch: Contact) -> Chain:
     found = [search.solved[i] for i in setting.singular]
     _solvable(search, [slopes for _, slopes, _ in found])
     return Chain(
-        rows=search.rows, rest=[a for a, _, _ in found], slopes=[b for _, b, _ in found], factors=[link.factor for _, _, link in found],
+        rows=search.rows, rest=[a for a, _, _ in found], slopes=[b for _, b, _ in found],
+        factors=[link.factor for _, _, link in found],
         orders=[link.depth // 2 for _, _, link in found], goh=search.goh, points=search.points,
     )  # fmt: skip
 
@@ -118,8 +124,8 @@ def _advance(search: _Search, links: dict[int, Link]) -> dict[int, Link]:
             search.solved[i] = (rest, slopes, Link(rest, links[i].factor, depth))
         elif not search.holds([rest]).any():
             raise MethodError(
-                f"{setting.name()}: sigma_{name} vanishes with its first {depth - 1} derivatives and no control ever appears "
-                "(infinite order): every control is singular here, none is determined"
+                f"{setting.name()}: sigma_{name} vanishes with its first {depth - 1} derivatives and no control ever "
+                "appears (infinite order): every control is singular here, none is determined"
             )
         else:
             factor, row = search.add(rest, f"sigma_{name}^({depth}) = 0")
@@ -131,7 +137,8 @@ def _steady(setting: Setting, links: dict[int, Link]) -> None:
     for i, link in links.items():
         if setting.varying.numel() and casadi.depends_on(link.row, setting.varying):
             raise MethodError(
-                f"{setting.name()}: the law of '{setting.problem.control_names[i]}' depends on the rate of change of a free control"
+                f"{setting.name()}: the law of '{setting.problem.control_names[i]}' depends on the rate of change of a "
+                "free control"
             )
 
 
@@ -141,15 +148,19 @@ def _split(search: _Search, link: Link) -> tuple[Expr, list[Expr]]:
     row = search.touch.flow.of_row(link.row)
     slopes = casadi.jacobian(row.T, unknown)
     rest = casadi.substitute(row, unknown, casadi.SX.zeros(unknown.numel(), 1))
-    return rest, [casadi.substitute(slopes[:, k].T, unknown, casadi.SX.zeros(unknown.numel(), 1)) for k in range(unknown.numel())]
+    return rest, [
+        casadi.substitute(slopes[:, k].T, unknown, casadi.SX.zeros(unknown.numel(), 1)) for k in range(unknown.numel())
+    ]
 
 
 def _goh(search: _Search, slopes: list[Expr], depth: int) -> None:
-    """Require the coefficients of singular controls in odd derivatives to vanish: necessary for a minimum (Goh, Robbins)."""
+    """Require the coefficients of singular controls in odd derivatives to vanish, as a minimum needs (Goh, Robbins)."""
     for slope in slopes:
         if search.holds([slope]).any():
             if search.solved:
-                raise MethodError(f"{search.setting.name()}: singular controls of different orders act on each other; not derived")
+                raise MethodError(
+                    f"{search.setting.name()}: singular controls of different orders act on each other; not derived"
+                )
             search.add(slope, f"Goh's condition on the sigma^({depth})")
             search.goh += 1
 

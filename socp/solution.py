@@ -43,8 +43,8 @@ class Feasibility:
     start, end and target conditions by the re-integrated end point, at the condition `miss_at`; `path`: worst violation
     of a state constraint along the way, at `path_at`; `box`: worst violation of a control bound; `drift`: largest
     distance between the re-integrated and the returned states. `feedback` tells whether laws were integrated as
-    feedback (True) or the control as a function of time (False). `error` holds the reason where the integration broke
-    down.
+    feedback (True) or the control as a function of time (False). `end` is the re-integrated final state (nx,), in the
+    problem's units. `error` holds the reason where the integration broke down.
     """
 
     miss: float
@@ -54,6 +54,7 @@ class Feasibility:
     box: float
     drift: float
     feedback: bool
+    end: tuple[float, ...] = ()
     error: str = ""
 
     @property
@@ -167,7 +168,7 @@ class Solution:
     @classmethod
     def from_json(cls, text: str) -> Self:
         """Read what `to_json` wrote; SolveError says what is wrong with anything else."""
-        return cls(**results.read(text, Stop, Feasibility))
+        return results.read(text, cls, Stop, Feasibility)
 
     def save(self, path: str | Path) -> None:
         """Write the result file atomically: a reader sees the old file or the new one, never a part.

@@ -2,7 +2,8 @@
 
 On a page, ```python fences share a namespace and a temporary working directory. A fence with a title such as
 `title="rocket.py"` is a file of that session. A ```text fence titled "prints" is the exact output of the fence before
-it. In ```bash and ```console fences lines that start with `socp` are run; `# exit 3` after one states its exit code.
+it; of one titled "looks like" the lines begin with the same words. In ```bash and ```console fences the lines that
+start with `socp` are run; `# exit 3` after one states its exit code.
 """
 
 import ast
@@ -55,6 +56,11 @@ def fences(page: Path) -> Iterator[Fence]:
         yield Fence(match["language"], title[1] if title else "", match["body"], line, headings[-1])
 
 
+def labels(output: str) -> list[str]:
+    """Return the first word of every line that starts at the margin."""
+    return [line.split()[0] for line in output.splitlines() if line[:1].strip()]
+
+
 def name_of(page: Path) -> str:
     return str(page.relative_to(ROOT))
 
@@ -75,7 +81,9 @@ class Session:
         if fence.language in {"bash", "console"} and fence.heading != "Quick start":
             return "".join(self.command(line) for line in fence.body.splitlines())
         if fence.title == "prints":
-            assert printed == fence.body, f"{self.page}:{fence.line}: not what the fence before it prints"
+            assert printed == fence.body, f"{self.page}:{fence.line}: not what the fence before prints"
+        if fence.title == "looks like":
+            assert labels(printed) == labels(fence.body), f"{self.page}:{fence.line}: not what the fence before shows"
         return ""
 
     def write(self, fence: Fence) -> None:

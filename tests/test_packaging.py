@@ -43,9 +43,9 @@ def test_what_is_built_holds_every_module_and_no_more(tmp_path: Path) -> None:
     (wheel,) = tmp_path.glob("*.whl")
     (sdist,) = tmp_path.glob("*.tar.gz")
     rooms = {"socp": "socp", "plugins": "socp_plugins", "problems": "socp_problems"}
-    wanted = {
-        f"{package}/{path.relative_to(ROOT / room)}" for room, package in rooms.items() for path in (ROOT / room).rglob("*.py")
-    }
+    wanted = set()
+    for room, package in rooms.items():
+        wanted |= {f"{package}/{path.relative_to(ROOT / room)}" for path in (ROOT / room).rglob("*.py")}
     with zipfile.ZipFile(wheel) as archive:
         held = {name for name in archive.namelist() if not name.partition("/")[0].endswith(".dist-info")}
         assert held == wanted | {"socp/py.typed"}

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from socp_problems.auv import problem as auv
 
 from socp.collocate import collocate, uniform
 from socp.errors import SolveError
@@ -19,7 +20,6 @@ from socp.phases import single_phase
 from socp.schemes import euler, hermite_simpson, lgr, radau_iia, trapezoid
 from socp.solution import Arc, Feasibility, Solution, Stop, lagrange
 from socp.tables import table
-from socp_problems.auv import problem as auv
 
 
 def arc_of(scheme: Any, shares: list[float], span: tuple[float, float], **values: Any) -> Arc:
@@ -27,7 +27,8 @@ def arc_of(scheme: Any, shares: list[float], span: tuple[float, float], **values
     joined = table([(share, scheme) for share in shares])
     t = span[0] + (span[1] - span[0]) * joined.tau
     x, u = (np.atleast_2d(np.array(values[name](t), dtype=float)) for name in ("x", "u"))
-    return Arc(t=t, x=x, u=u, costate=np.full_like(x, np.nan), mesh=joined.mesh, side=joined.side, modes=("*",) * len(u))
+    unknown, modes = np.full_like(x, np.nan), ("*",) * len(u)
+    return Arc(t=t, x=x, u=u, costate=unknown, mesh=joined.mesh, side=joined.side, modes=modes)
 
 
 def solution_of(*arcs: Arc, **changes: Any) -> Solution:
@@ -67,7 +68,7 @@ def test_values_are_right_continuous_at_switches_and_clipped_at_the_ends() -> No
 
 
 def test_a_control_may_jump_where_intervals_meet() -> None:
-    steps = arc_of(euler(), [1, 1, 2], (0, 4), x=lambda t: t, u=lambda t: np.ceil(t))
+    steps = arc_of(euler(), [1, 1, 2], (0, 4), x=lambda t: t, u=np.ceil)
     assert steps.u[0].tolist() == [0, 1, 2, 4]
     solution = solution_of(steps)
     assert solution.at([0.0, 0.5, 1.0, 1.5, 2.0, 3.9, 4.0], "u").tolist() == [[1, 1, 2, 2, 4, 4, 4]]
@@ -112,6 +113,9 @@ finite = st.floats(allow_nan=False, allow_infinity=False)
 text = st.text(st.characters(codec="utf-8"), max_size=8)
 
 
+plain = st.one_of(st.none(), st.booleans(), st.integers(), finite, text)
+
+
 @st.composite
 def arcs(draw: st.DrawFn, states: int, controls: int) -> Arc:
     scheme = draw(st.sampled_from([euler(), trapezoid(), lgr(2), radau_iia(3)]))
@@ -135,11 +139,12 @@ def solutions(draw: st.DrawFn) -> Solution:
     seen = Feasibility(**figures, miss_at=draw(text), path_at="", feedback=draw(st.booleans()), error=draw(text))
     stretch = st.tuples(st.sampled_from(["+", "s"]), finite, finite)
     return Solution(
-        problem=draw(text), method=draw(text), objective=draw(number), stop=draw(st.sampled_from(Stop)), message=draw(text),
-        arcs=tuple(draw(st.lists(arcs(*sizes), min_size=1, max_size=3))), verified=(seen,) * draw(st.integers(0, 2)),
+        problem=draw(text), method=draw(text), objective=draw(number), stop=draw(st.sampled_from(Stop)),
+        message=draw(text), verified=(seen,) * draw(st.integers(0, 2)),
+        arcs=tuple(draw(st.lists(arcs(*sizes), min_size=1, max_size=3))),
         state_names=tuple(draw(st.lists(text, max_size=3))), control_names=tuple(draw(st.lists(text, max_size=3))),
-        parameters=draw(st.dictionaries(text, number, max_size=2)), seconds=draw(st.dictionaries(text, number, max_size=2)),
-        options=draw(st.dictionaries(text, st.one_of(st.none(), st.booleans(), st.integers(), finite, text), max_size=3)),
+        parameters=draw(st.dictionaries(text, number, max_size=2)),
+        seconds=draw(st.dictionaries(text, number, max_size=2)), options=draw(st.dictionaries(text, plain, max_size=3)),
         versions=draw(st.dictionaries(text, text, max_size=2)), iterations=draw(st.integers(0, 10**6)),
         trace=draw(st.dictionaries(text, st.lists(number, max_size=4).map(tuple), max_size=2)),
         structure=draw(st.dictionaries(text, st.lists(stretch, max_size=3).map(tuple), max_size=2)),
@@ -206,6 +211,7 @@ def altered(path: Path, **changes: Any) -> None:
         ({"arcs": None}, "not a socp result"),
         ({"objective": "many"}, "not a socp result: ValueError: could not convert string to float: 'many'"),
         ({"surprise": 1}, "not a socp result: TypeError"),
+        ({"problem": 3}, "not a socp result: ValueError: its problem is 3 where a text is needed"),
         ({"trace": [1]}, "not a socp result: AttributeError"),
     ],
 )
@@ -243,8 +249,9 @@ def test_a_truncated_file_is_refused_wherever_it_ends(saved: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "garbage", [b"", b"[]", b"3", b"null", b"{}", b'"text"', b"\xff\xfe\x00", b"[" * 100_000, b'{"schema": 1}', b"\x00" * 64]
-)  # fmt: skip
+    "garbage",
+    [b"", b"[]", b"3", b"null", b"{}", b'"text"', b"\xff\xfe\x00", b"[" * 100_000, b'{"schema": 1}', b"\x00" * 64],
+)
 def test_garbage_is_refused(tmp_path: Path, garbage: bytes) -> None:
     path = tmp_path / "garbage.json"
     path.write_bytes(garbage)

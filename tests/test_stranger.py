@@ -1,4 +1,4 @@
-"""A stranger's package, a method and a problem on a page and seven lines of packaging, is found once pip has installed it."""
+"""A stranger's package, a page of code and seven lines of packaging, is found once pip has installed it."""
 
 import json
 import os

@@ -1,6 +1,8 @@
 """Ipopt through casadi: sparse, exact Hessian, a trace of every iteration, a clean stop on Ctrl-C."""
 
 import difflib
+import html
+import math
 import re
 import signal
 import threading
@@ -43,6 +45,8 @@ _TRACED = {
     "obj": "objective", "inf_pr": "inf_pr", "inf_du": "inf_du", "mu": "mu", "d_norm": "step",
     "alpha_pr": "alpha_pr", "alpha_du": "alpha_du",
 }  # fmt: skip
+
+_PRINTING = {"options_documentation": "yes", "options_mode": "doxygen", "advanced_options": "yes"}
 
 
 @final
@@ -146,7 +150,8 @@ class _Observer(casadi.Callback):  # type: ignore[misc]
 
     def _show(self, objective: float, g: np.ndarray) -> None:
         violation = float(np.max(np.maximum(self.low - g, g - self.high), initial=0.0))
-        self.stop |= bool(self.watch(Progress("ipopt", self.count, objective, violation)))
+        if self.watch(Progress("ipopt", self.count, objective, violation)):
+            self.stop = True  # never assigned from the answer: Ctrl-C may have set it meanwhile
 
 
 def _explained(point: NLPPoint, nlp: NLP, guess: NLPPoint, options: Mapping[str, Any]) -> NLPPoint:
@@ -195,9 +200,11 @@ def _last_line(error: Exception) -> str:
 def _documented() -> Mapping[str, str]:
     """Return Ipopt's own options: name -> documentation, as this build of Ipopt prints them."""
     text = StringIO()
-    with redirect_stdout(text):
-        _probe({"print_options_documentation": "yes"})(x0=1.0)
-    found = re.split(r"^(\w+) +(?=\S)", text.getvalue(), flags=re.MULTILINE)
+    with redirect_stdout(text):  # of its formats this one alone tells integers from reals
+        _probe({f"print_{what}": how for what, how in _PRINTING.items()})(x0=1.0)
+    powers = text.getvalue().replace("10<sup>", "1e").replace("</sup>", "")
+    plain = html.unescape(re.sub(r"</?(strong|blockquote)>", "", powers)).replace("\u2264", "<=")
+    found = re.split(r"^\\anchor OPT_(\w+)$", plain, flags=re.MULTILINE)
     return dict(zip(found[1::2], found[2::2], strict=True))
 
 
@@ -210,10 +217,8 @@ def _probe(options: Mapping[str, Any]) -> casadi.Function:
 def _check(name: str, value: Any) -> None:
     """Raise MethodError for an option that Ipopt does not have, or a value that it does not take."""
     try:
-        # casadi would pass None and its like on as nothing at all
-        plain = value if isinstance(value, (int, float, str)) and not isinstance(value, bool) else [value]
         with redirect_stdout(StringIO()):  # Ipopt explains itself there, at length
-            _probe({"print_level": 0, name: plain})
+            _probe({"print_level": 0, name: value if _plain(name, value) else [value]})
     except (RuntimeError, NotImplementedError):
         if name not in _documented():
             close = difflib.get_close_matches(str(name), _documented(), n=1)
@@ -222,11 +227,19 @@ def _check(name: str, value: Any) -> None:
         raise MethodError(f"ipopt.{name}: {value!r} is not allowed; {_allowed(name)}") from None
 
 
+def _plain(name: str, value: Any) -> bool:
+    """Tell whether a value is of a kind that arrives: casadi cuts fractions off and passes None on as nothing."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        return False
+    if isinstance(value, str) or float(value).is_integer():
+        return True
+    return math.isfinite(value) and "this integer option" not in _documented().get(name, "")
+
+
 def _allowed(name: str) -> str:
-    """Return the values that an option takes: `0 < value < +inf (default 1e-08)` or `monotone, adaptive`."""
-    first, _, rest = _documented()[name].strip().partition("\n")
-    words = re.findall(r"^ +- (\S+)", rest, flags=re.MULTILINE)
+    """Return the values that an option takes: `monotone, adaptive`, or `0 < tol and its default value is 10-08`."""
+    words = re.findall(r"^ - (\S+):", _documented()[name], flags=re.MULTILINE)
     if words:
         return f"allowed: {', '.join(words)}"
-    low, default, high = re.split(r" *\( *| *\) *", first.strip())
-    return f"allowed: {low} value {high} (default {default})"
+    sentence = re.search(r"valid range for this (\w+) option is (.*?)\.?$", _documented()[name], flags=re.MULTILINE)
+    return f"allowed: {sentence[1]}, {sentence[2]}" if sentence else "see Ipopt's documentation"

@@ -12,6 +12,7 @@ from typing import Any
 import click
 from rich.text import Text
 
+from socp.cli.checking import check
 from socp.cli.comparing import compare
 from socp.cli.describing import describe
 from socp.cli.listing import list_, methods, plugins
@@ -22,8 +23,8 @@ from socp.registry import PluginError
 
 EPILOG = """\b
 Exit codes:
-  0    solved: the solver met its tolerances (this says nothing of optimality)
-  1    ran, but found no acceptable solution; the result is still written
+  0    solved: the solver met its tolerances; check: certified as an extremal
+  1    ran, but found no acceptable solution (the result is still written); check: not certified
   2    usage: an unknown command, method or option, or a value not allowed
   3    the problem, or the plugin of the method, could not be loaded
   4    internal error
@@ -33,6 +34,7 @@ Exit codes:
 Examples:
   socp solve problems/auv.py
   socp solve auv -m lgr-multiphase -o points=20 -o ipopt.tol=1e-10
+  socp check auv.socp.json
   socp compare auv -m euler-ipopt -m trapezoidal -o steps=400
 """
 
@@ -53,7 +55,7 @@ def socp(context: click.Context, debug: bool, without: tuple[str, ...]) -> int:
     return Exit.SOLVED
 
 
-for _command in (solve, compare, describe, list_, methods, plugins):
+for _command in (solve, check, compare, describe, list_, methods, plugins):
     socp.add_command(_command)
 
 
@@ -68,6 +70,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, click.exceptions.Abort):
         _say("interrupted; nothing was written", session)
         return Exit.INTERRUPTED
+    except SystemExit:  # click's answer to a reader that has gone
+        return Exit.CLOSED
     except (click.ClickException, SocpError) as error:
         return _expected(error, session)
     except Exception as error:  # noqa: BLE001 - a bug is one line and a hint, not a traceback

@@ -100,7 +100,8 @@ def problem_lines(problem: "Problem") -> Iterator[Line]:
     yield from _intervals(problem)
     for label in ("target", "path"):
         yield from ((label, f"{name}: {formula(relation)}") for name, relation in getattr(problem, label).items())
-    yield from (("given law", f"{control} = {formula(law)} where singular") for control, law in problem.singular.items())
+    given = problem.singular.items()
+    yield from (("given law", f"{control} = {formula(law)} where singular") for control, law in given)
     yield from _boundary(problem)
     yield from law_lines(problem, formula)
     yield from (("unit", f"{symbol}: {unit}") for symbol, unit in problem.units.items())

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 from rich.text import Text
 
+from socp.cli.checking import lines, plain
 from socp.errors import MethodError
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ def facts(problem: "Problem", solution: "Solution") -> dict[str, Any]:
         "word": solution.word, "switches": solution.switches, "structure": solution.structure,
         "total_variation": variations(solution),
         "verified": [{**asdict(each), "worst": each.worst} for each in solution.verified],
+        "verdict": None if solution.verdict is None else plain(solution.verdict),
         "iterations": solution.iterations, "seconds": solution.seconds, "reference": to_reference(problem, solution),
     }  # fmt: skip
 
@@ -95,6 +97,7 @@ def report(problem: "Problem", solution: "Solution", path: str) -> Table:
     if solution.message:
         grid.add_row("", Text(solution.message))
     _labelled(grid, "feasibility", (sentence(each) for each in solution.verified))
+    _labelled(grid, "verdict", [] if solution.verdict is None else lines(solution.verdict))
     _labelled(grid, "reference", _reference(to_reference(problem, solution)))
     grid.add_row("iterations", str(solution.iterations))
     parts = " + ".join(f"{name} {value:.2f}" for name, value in seconds.items())
