@@ -5,8 +5,21 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, final
 
 from socp import (
-    Backend, Ipopt, Method, MethodError, Problem, Solution, Watch, Word, follow, hookimpl, option, silent, single_phase,
-    solve_collocated, uniform,
+    Backend,
+    Ipopt,
+    Method,
+    MethodError,
+    Problem,
+    Solution,
+    Watch,
+    Word,
+    follow,
+    hookimpl,
+    option,
+    silent,
+    single_phase,
+    solve_collocated,
+    uniform,
 )  # fmt: skip
 from socp.collocate import Mesh
 from socp.guess import arranged, split

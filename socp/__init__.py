@@ -49,7 +49,10 @@ _HOMES = {
     "method": ["Method", "option", "solve_collocated"],
     "nlp": ["Backend", "Watch", "silent"],
     "phases": ["follow", "single_phase"],
-    "problem": ["Problem", "Reference", "controls", "final_time", "free", "initial", "initial_time", "parameters", "states", "time"],
+    "problem": [
+        "Problem", "Reference", "controls", "final_time", "free", "initial", "initial_time", "parameters", "states",
+        "time",
+    ],
     "solution": ["Solution"],
     "word": ["Word"],
 }

@@ -8,9 +8,10 @@ from typing import final
 import casadi
 import numpy as np
 
-from socp.problem import Constraint, Problem
+from socp.problem import Problem
 from socp.schemes import lgr
 from socp.solution import Arc, Solution
+from socp.structure import ACTIVE, constraint_values
 from socp.symbols import column, time
 
 # collocation points an interval: order 19, so that the judge's own error stays below what it judges
@@ -19,8 +20,6 @@ POINTS = 10
 _INTERVALS = 16
 # switches and touches that get a joint of their own; more than that is ringing, which a uniform mesh shows as well
 _CUTS = 64
-# of the range of a state constraint's values on the solution: as near counts as on it
-ACTIVE = 1e-4
 
 
 @final
@@ -134,15 +133,6 @@ def _touches(problem: Problem, solution: Solution) -> list[float]:
             short = [run for run in runs if near[run[0]] and run.size < 5.0 * np.sqrt(ACTIVE) * t.size]
             found += [float(t[run[np.argmax(c[run])]]) for run in short if run[0] > 0 and run[-1] < t.size - 1]
     return found
-
-
-def constraint_values(
-    problem: Problem, solution: Solution, constraint: Constraint, t: np.ndarray, x: np.ndarray
-) -> np.ndarray:
-    """Evaluate a state constraint at times t (n,) and states x (nx, n); returns (n,)."""
-    p = column(solution.parameters[name] for name in problem.parameter_names)
-    function = casadi.Function("c", [problem.x, time], [casadi.substitute(constraint.expression, problem.p, p)])
-    return np.array(function.map(t.size)(x, t[None, :]).full().ravel())
 
 
 @final

@@ -52,7 +52,8 @@ class _Grid:
     """The symbols of a transcription.
 
     first: first node of every phase and the last node; lengths (phases, 1); p (np, 1); X (nx, nodes); V: free controls
-    (nv, collocated) a phase; Y: carried quantities (ny, its nodes) a phase; starts: times at which the phases begin, and the final time.
+    (nv, collocated) a phase; Y: carried quantities (ny, its nodes) a phase; starts: times at which the phases begin,
+    and the final time.
     """
 
     phased: PhasedProblem

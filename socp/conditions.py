@@ -6,18 +6,15 @@ lambda(tf) = d(Mayer + nu psi)/dx(tf).
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import final
 
 import numpy as np
 
-from socp.adjoint import ACTIVE, POINTS, Costates, Samples, Unknowns
-from socp.ends import Ends
-from socp.problem import Problem
+from socp.adjoint import POINTS, Samples
+from socp.along import Along
 from socp.schemes import lgr
-from socp.simulate import scales
 from socp.solution import Solution
-from socp.structure import AT_BOUND
+from socp.structure import ACTIVE, AT_BOUND
 
 _WEIGHTS = lgr(POINTS).weights
 SCALE = "Hamiltonian at the"  # begins the names of the rows that tie the multipliers to the cost of a free time
@@ -45,44 +42,6 @@ class Rows:
         """Return the violations (m,) at multipliers z (nz,)."""
         value = self.offset + self.matrix @ z
         return np.array(np.abs(value) if self.equation else np.maximum(value, 0.0))
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Along:
-    """A solution laid out for judging: nodes, unknown multipliers, costates as functions of them, end slopes."""
-
-    problem: Problem
-    solution: Solution
-    samples: Samples
-    unknowns: Unknowns
-    costates: Costates
-    ends: Ends
-
-    @property
-    def horizon(self) -> float:
-        """Length of the horizon."""
-        return self.solution.final_time - self.solution.initial_time
-
-    @cached_property
-    def scale(self) -> np.ndarray:
-        """Magnitude of every state (nx,)."""
-        return scales(self.problem, self.solution)
-
-    @cached_property
-    def sigma(self) -> tuple[np.ndarray, np.ndarray]:
-        """Switching functions as offset (nu, n) and matrix (nu, n, nz)."""
-        v = self.samples.values
-        offset = v["L1"] + np.einsum("njk,nj->kn", v["G"], self.costates.offset)
-        return offset, np.einsum("njk,njz->knz", v["G"], self.costates.maps)
-
-    @cached_property
-    def hamiltonian(self) -> tuple[np.ndarray, np.ndarray]:
-        """Hamiltonian as offset (n,) and matrix (n, nz)."""
-        v = self.samples.values
-        return v["L"] + np.einsum("jn,nj->n", v["f"], self.costates.offset), np.einsum(
-            "jn,njz->nz", v["f"], self.costates.maps
-        )
 
 
 def conditions(along: Along) -> Iterator[Rows]:

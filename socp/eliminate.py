@@ -70,14 +70,24 @@ def _independent(setting: Setting, chain: Chain, rows: Expr) -> bool:
     entries = [row for line in chain.slopes for row in line] + chain.rest
     values = sampled.evaluator(problem, rows, casadi.vertcat(*entries), extended(problem))
     conditions, parts, z = values(chain.points)
+    sizes = _sizes(setting, rows)
     random, width = np.random.default_rng(3), np.ptp(problem.box[:, list(setting.singular)], axis=0)
     alike = []
     for a, e, z0 in zip(conditions, parts, z[:, :, 0], strict=True):
-        kernel = _kernel(a, z0)
+        kernel = _kernel(a, *sizes)
         laws = [_solved(e @ v, k) for v in (z0, kernel @ random.standard_normal(kernel.shape[1]))]
         if np.isfinite(laws).all():
             alike.append(bool((np.abs(laws[0] - laws[1]) <= _ALIKE * (width + np.abs(laws).max(axis=0))).all()))
     return bool(np.mean(alike) > 0.5) if alike else False
+
+
+def _sizes(setting: Setting, rows: Expr) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sizes of rows (m,) and of z (n,) over the admissible points; on the arc some may vanish."""
+    points = sampled.admissible(setting.problem)
+    matrix, z = sampled.evaluator(setting.problem, rows, extended(setting.problem))(points)
+    of_z = np.sqrt(np.mean(z[:, :, 0] ** 2, axis=0))
+    of_rows = np.nanmedian(np.linalg.norm(matrix * of_z, axis=2), axis=0)
+    return np.where(of_rows > 0, of_rows, 1.0), of_z
 
 
 def _solved(values: np.ndarray, k: int) -> np.ndarray:
@@ -87,23 +97,17 @@ def _solved(values: np.ndarray, k: int) -> np.ndarray:
         return np.full(k, np.nan)
 
 
-def _kernel(matrix: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Return a basis of the vectors (n, d) that a matrix (m, n) sends to zero; z (n,) is one and sets the scale."""
-    scale = np.where(np.abs(z) > 1e-9 * np.abs(z).max(), np.abs(z), np.abs(z).max())
-    scaled = matrix * scale
-    scaled = scaled / np.linalg.norm(scaled, axis=1, keepdims=True).clip(1e-300)
-    _, s, vt = np.linalg.svd(scaled)
-    rank = int((s > _RANK * s[0]).sum())
-    kernel: np.ndarray = vt[rank:].T * scale[:, None]
+def _kernel(matrix: np.ndarray, of_rows: np.ndarray, of_z: np.ndarray) -> np.ndarray:
+    """Return a basis of the vectors (n, d) that a matrix (m, n), its rows and z of given sizes, sends to zero."""
+    _, s, vt = np.linalg.svd(matrix * of_z / of_rows[:, None])
+    kernel: np.ndarray = vt[int((s > _RANK * s[0]).sum()) :].T * of_z[:, None]
     return kernel
 
 
 def _pivots(setting: Setting, points: np.ndarray, rows: Expr) -> tuple[list[int], list[int]]:
     """Return rows and as many columns whose determinant is farthest from zero at the points, earlier rows preferred."""
-    matrix, z = sampled.evaluator(setting.problem, rows, extended(setting.problem))(points)
-    scale = np.sqrt(np.mean(z[:, :, 0] ** 2, axis=0))
-    matrix = matrix * np.where(scale > 0, scale, 1.0)
-    matrix = matrix / np.linalg.norm(matrix, axis=2, keepdims=True).clip(1e-300)
+    of_rows, of_z = _sizes(setting, rows)
+    matrix = sampled.evaluator(setting.problem, rows)(points)[0] * of_z / of_rows[:, None]
     picked: list[int] = []
     for k in range(rows.shape[0]):
         s = np.linalg.svd(matrix[:, [*picked, k], :], compute_uv=False)

@@ -7,10 +7,11 @@ from typing import final
 import casadi
 import numpy as np
 
-from socp.adjoint import ACTIVE, Samples, Unknowns
+from socp.adjoint import Samples, Unknowns
 from socp.problem import Problem
 from socp.simulate import scales
 from socp.solution import Solution
+from socp.structure import ACTIVE
 from socp.symbols import Expr, final_time, initial_time
 
 

@@ -123,8 +123,7 @@ def contact(setting: Setting) -> Contact:
     own = column(problem.u[j] for j in setting.boundary)
     towers, tops = {}, []
     for j, constraint in setting.boundary.items():
-        towers[constraint.name], top = tower(problem, constraint, setting.given)
-        _acts(setting, j, constraint, (towers[constraint.name], top))
+        towers[constraint.name], top = _tower(setting, j, constraint)
         tops.append(top)
     matrix = casadi.jacobian(column(tops), own)
     held = column(e for held in towers.values() for e in held)
@@ -148,15 +147,23 @@ def _held_fixed(problem: Problem, held: Expr, laws: Expr) -> Expr:
     return laws
 
 
-def _acts(setting: Setting, j: int, constraint: Constraint, found: tuple[list[Expr], Expr]) -> None:
-    problem, (held, top) = setting.problem, found
+def _tower(setting: Setting, j: int, constraint: Constraint) -> tuple[list[Expr], Expr]:
+    """Return the tower of a constraint that control j follows; MethodError where it does not act on it."""
+    problem = setting.problem
+    held, top = tower(problem, constraint)
+    try:
+        held, top = tower(problem, constraint, setting.given)
+    except MethodError:  # other controls act on it, and these are known here
+        pass
     at = sampled.onto(problem, column(held), sampled.admissible(problem))
-    if not sampled.nonzero(problem, casadi.jacobian(top, problem.u[j]), at).any():
-        acting = [name for k, name in enumerate(problem.control_names) if casadi.depends_on(top, problem.u[k])]
+    slopes = sampled.nonzero(problem, casadi.jacobian(top, problem.u), at)[0]
+    if not slopes[j]:
+        acting = ", ".join(name for name, its in zip(problem.control_names, slopes, strict=True) if its)
         raise MethodError(
             f"{setting.name()}: control '{problem.control_names[j]}' does not act on '{constraint.name}' "
-            f"(order {len(held)}), {', '.join(acting)} does"
+            f"(order {len(held)}), {acting} does"
         )
+    return held, top
 
 
 def _multipliers(setting: Setting, free: Contact) -> Contact:

@@ -78,7 +78,8 @@ def split(guess: Solution, lengths: list[float]) -> Solution:
 def arranged(problem: Problem, solution: Solution, word: Word) -> Solution:
     """Return a solution as a guess with the arcs of a word, cut where its controls fit the word best.
 
-    The cuts minimise the summed misfit of a uniform grid of intervals to the modes they fall into, by dynamic programming.
+    The cuts minimise the summed misfit of a uniform grid of intervals to the modes they fall into, by dynamic
+    programming.
     """
     t = np.linspace(solution.initial_time, solution.final_time, 2 * _NODES + 1)[1::2]
     cost = np.array([sum(misfit(problem, solution, i, mode, t) for i, mode in enumerate(arc)) for arc in word.arcs])
@@ -157,7 +158,7 @@ def _within(value: Any, box: tuple[float, float], otherwise: float) -> float:
 
 
 def _row(value: Any, t: np.ndarray, share: np.ndarray) -> np.ndarray:
-    if isinstance(value, (tuple, list)):
+    if isinstance(value, (tuple, list, np.ndarray)):
         return float(value[0]) + (float(value[1]) - float(value[0])) * share
     row = casadi.Function("guess", [time], [casadi.SX(value)]).map(t.size)(t[None, :])
     return np.array(row.full()).ravel()

@@ -68,7 +68,8 @@ def push(layout: Layout, guess: Solution) -> NLPPoint:
         x, free = _sampled(source, layout.phased.phases[k], layout.tables[k], (corners[k], corners[k + 1] - corners[k]))
         X.append(x[:, : None if k == count - 1 else -1])
         V.append(free.T.ravel())
-        Y.append(_carried(source, layout.phased.phases[k], corners[k] + (corners[k + 1] - corners[k]) * layout.tables[k].tau))
+        at = corners[k] + (corners[k + 1] - corners[k]) * layout.tables[k].tau
+        Y.append(_carried(source, layout.phased.phases[k], at))
     p = [guess.parameters.get(name, 0.0) for name in problem.parameter_names]
     return NLPPoint(v=np.concatenate([corners[:1], np.diff(corners), p, np.hstack(X).T.ravel(), *V, *Y]))
 
@@ -142,7 +143,8 @@ def _slope(problem: Problem, phase: Phase) -> casadi.Function:
     """Return the gradient of the Hamiltonian along the phase's law, as a function of x, v, y, t, p and the costate."""
     rate, running = (casadi.substitute(e, problem.u, phase.control) for e in (problem.rate, problem.lagrangian))
     gradient = casadi.gradient(running + casadi.dot(problem.costate, rate), problem.x)
-    return casadi.Function("slope", [problem.x, phase.free, phase.carried, time, problem.p, problem.costate], [gradient])
+    symbols = [problem.x, phase.free, phase.carried, time, problem.p, problem.costate]
+    return casadi.Function("slope", symbols, [gradient])
 
 
 def _costate(layout: Layout, point: NLPPoint, k: int, given: list[np.ndarray]) -> np.ndarray:

@@ -56,7 +56,7 @@ def ringing(problem: Problem, solution: Solution) -> dict[str, float]:
 def legendre_clebsch(
     problem: Problem, solution: Solution, samples: Samples, costate: np.ndarray
 ) -> tuple[dict[str, float], list[str]]:
-    """Return the generalised Legendre-Clebsch expression on every arc with singular controls, and why where it is unknown.
+    """Return the generalised Legendre-Clebsch expression on every arc with singular controls, and why not elsewhere.
 
     The least eigenvalue of the matrix (-1)^q d/du d^(2q) sigma / dt^(2q) along the arc over its largest entry there, to
     be non-negative (Kelley, Kopp, Moyer, Topics in Optimization, 1967, chapter 3).
@@ -89,7 +89,7 @@ def legendre_clebsch(
 def _joint_arcs(
     problem: Problem, solution: Solution, samples: Samples
 ) -> Iterator[tuple[tuple[tuple[str, int], ...], np.ndarray]]:
-    """Yield (mode and number of its stretch by control, mask (n,) of the nodes) for every arc of all controls together."""
+    """Yield (mode and number of its stretch by control, mask (n,) of nodes) for every arc of all controls together."""
     middle = 0.5 * (samples.edges[1:] + samples.edges[:-1])
     joint = [tuple(mode_at(solution, name, float(t)) for name in problem.control_names) for t in middle]
     for arc in dict.fromkeys(joint):

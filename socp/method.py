@@ -11,7 +11,9 @@ from socp.errors import MethodError
 from socp.nlp import Backend, Watch, silent
 from socp.phases import PhasedProblem
 from socp.problem import Problem
-from socp.solution import Solution
+from socp.solution import Solution, Stop
+
+_LONGER = (2.0, 5.0, 12.0)  # horizons tried, over the guessed one; the guess is of the right order of magnitude
 
 
 class Method(abc.ABC):
@@ -53,7 +55,32 @@ def check_options(method: Method) -> None:
 def solve_collocated(
     phased: PhasedProblem, meshes: Sequence[Mesh], backend: Backend, guess: Solution, watch: Watch = silent
 ) -> Solution:
-    """Transcribe a phased problem on one mesh a phase, solve it with a backend, and lift the point."""
+    """Transcribe a phased problem on one mesh a phase, solve it with a backend, and lift the point.
+
+    A solver that shortens a free horizon too eagerly gets caught where no control can meet the ends any more. Then the
+    ends are met with longer horizons held fixed first, and the horizon is set free from there.
+    """
+    solution = _attempt(phased, meshes, backend, guess, watch)
+    low, high = phased.of.final_time_box
+    if solution.stop not in {Stop.INFEASIBLE, Stop.FAILED} or low == high:
+        return solution
+    for factor in _LONGER:
+        held = guess.initial_time + factor * (guess.final_time - guess.initial_time)
+        if not low <= held <= high:
+            continue
+        fixed = replace(phased, of=replace(phased.of, final_time=held))
+        met = _attempt(fixed, meshes, backend, guess, watch).after(solution)
+        if met.stop is Stop.INTERRUPTED:
+            return met
+        if met.stop.ok:
+            again = _attempt(phased, meshes, backend, met, watch).after(met)
+            return again if again.stop.ok else solution
+    return solution
+
+
+def _attempt(
+    phased: PhasedProblem, meshes: Sequence[Mesh], backend: Backend, guess: Solution, watch: Watch
+) -> Solution:
     began = time.perf_counter()
     reduced = collocate(phased, meshes)
     start = reduced.push(guess)

@@ -19,8 +19,10 @@ class Phase:
 
     `control` (nu, 1) is an expression of x, t, p, of `free` (nv, 1), the controls that are collocated within `box`
     (2, nv), and of `carried` (ny, 1), quantities with a `carried_rate` (ny, 1) of their own that are integrated along
-    with the states: the costate, where a law needs it. `entry` holds expressions of x, carried, t, p that vanish where the arc begins; `kept` names the state constraints
-    that the law itself keeps from there on: imposed again on this arc, they would be dependent.
+    with the states: the costate, where a law needs it. `entry` holds expressions of x, carried, t, p that vanish where
+    the arc begins; `kept` names the state constraints that the law itself keeps from there on: imposed again on this
+    arc, they would be dependent. `length` bounds the arc's length; `boxed` imposes the box on the values of the law,
+    which a right word keeps by itself.
     """
 
     modes: tuple[Mode, ...]

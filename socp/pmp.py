@@ -14,7 +14,8 @@ from scipy.linalg import lstsq
 
 from socp import margins
 from socp.adjoint import POINTS, Samples, condense, sample
-from socp.conditions import SCALE, Along, Rows, conditions
+from socp.along import Along
+from socp.conditions import SCALE, Rows, conditions
 from socp.ends import Ends, unknowns_of
 from socp.problem import Problem
 from socp.solution import Arc, Solution

@@ -79,6 +79,7 @@ def onto(problem: Problem, equations: Expr, points: np.ndarray) -> np.ndarray:
         if arrived.all() or (k >= _PATIENCE and arrived.mean() > 0.5):
             break
         points[movable] += np.where(arrived, 0.0, step)
+    points[movable] += np.where(arrived, step, 0.0)  # once more from where the error squares
     if not arrived.any():
         return points[:, :0]
     arrived &= (np.abs(points[movable] - start) <= _FAR * size[:, None]).all(axis=0)

@@ -84,12 +84,12 @@ def _pair(place: str, value: Any, *, single: bool = True) -> Interval:
 def _guess(symbol: Expr, value: Any) -> None:
     place = f"guess of '{symbol}'"
     constant = role(symbol) == "parameter" or symbol in {initial_time, final_time}
-    parts = list(value) if isinstance(value, (tuple, list, np.ndarray)) and np.ndim(value) > 0 else [value]
-    if len(parts) != 1 and (constant or len(parts) != 2):
+    pair = isinstance(value, (tuple, list, np.ndarray))
+    if pair and (constant or np.shape(value)[:1] != (2,)):
         wanted = "a number" if constant else "a number, a pair (start, end) or an expression of time"
         raise ProblemError(f"{place}: {value!r} where {wanted} is needed")
-    for part in parts:
-        _part(place, part, constant=constant or len(parts) == 2)
+    for part in value if pair else [value]:
+        _part(place, part, constant=constant or pair)
 
 
 def _part(place: str, part: Any, *, constant: bool) -> None:

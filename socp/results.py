@@ -109,7 +109,8 @@ def _feasibility(data: Mapping[str, Any]) -> dict[str, Any]:
 
 def _verdict(data: Mapping[str, Any]) -> Verdict:
     figures = {name: _float(data[name]) for name in ("miss", "normality", "objective_error")}
-    tables = {name: {k: _float(v) for k, v in data[name].items()} for name in ("legendre_clebsch", "margins", "ringing")}
+    named = ("legendre_clebsch", "margins", "ringing")
+    tables = {name: {k: _float(v) for k, v in data[name].items()} for name in named}
     findings = tuple(Finding(**{**each, "residual": _float(each["residual"])}) for each in data["findings"])
     errors = tuple((float(t), _float(error)) for t, error in data["switch_errors"])
     given = {**data, **figures, **tables, "findings": findings, "switch_errors": errors, "notes": tuple(data["notes"])}

@@ -124,13 +124,17 @@ def _advance(search: _Search, links: dict[int, Link]) -> dict[int, Link]:
             search.solved[i] = (rest, slopes, Link(rest, links[i].factor, depth))
         elif not search.holds([rest]).any():
             raise MethodError(
-                f"{setting.name()}: sigma_{name} vanishes with its first {depth - 1} derivatives and no control ever "
-                "appears (infinite order): every control is singular here, none is determined"
+                f"{setting.name()}: sigma_{name} vanishes with all its derivatives from the {_nth(depth)} on, and no "
+                "singular control appears in them (infinite order): the principle leaves the control open"
             )
         else:
             factor, row = search.add(rest, f"sigma_{name}^({depth}) = 0")
             left[i] = Link(row, links[i].factor * factor, depth)
     return left
+
+
+def _nth(k: int) -> str:
+    return {1: "1st", 2: "2nd", 3: "3rd"}.get(k, f"{k}th")
 
 
 def _steady(setting: Setting, links: dict[int, Link]) -> None:
@@ -154,15 +158,23 @@ def _split(search: _Search, link: Link) -> tuple[Expr, list[Expr]]:
 
 
 def _goh(search: _Search, slopes: list[Expr], depth: int) -> None:
-    """Require the coefficients of singular controls in odd derivatives to vanish, as a minimum needs (Goh, Robbins)."""
+    """Require the coefficients of singular controls in odd derivatives to vanish, as a minimum needs (Goh, Robbins).
+
+    They vanish all along the arc, so their derivatives do; one that holds a singular control ends this.
+    """
+    what = f"Goh's condition on the sigma^({depth})"
     for slope in slopes:
-        if search.holds([slope]).any():
+        row = slope
+        while search.goh < DEEPEST and search.holds([row]).any():
             if search.solved:
-                raise MethodError(
-                    f"{search.setting.name()}: singular controls of different orders act on each other; not derived"
-                )
-            search.add(slope, f"Goh's condition on the sigma^({depth})")
+                name = search.setting.name()
+                raise MethodError(f"{name}: singular controls of different orders act on each other; not derived")
+            _, row = search.add(row, what)
             search.goh += 1
+            rest, held = _split(search, Link(row, casadi.SX(1)))
+            if search.holds(held).any():
+                break
+            row = rest
 
 
 def _solvable(search: _Search, slopes: list[list[Expr]]) -> None:

@@ -1,6 +1,6 @@
 """Structure: read what kind of arc every control is on, and when it switches, off the values of a solution."""
 
-from itertools import groupby
+from itertools import groupby, pairwise
 
 import casadi
 import numpy as np
@@ -17,6 +17,8 @@ Stretch = tuple[str, float, float]  # (mode as a word spells it, start, end)
 AT_BOUND = 1e-3
 # of the range of a state constraint's values on the solution: as near counts as on it
 ACTIVE = 1e-4
+# the same where a word is fitted to a coarse solution, which comes no nearer
+_FITS = 1e-2
 
 
 def structure(problem: Problem, solution: Solution) -> dict[str, tuple[Stretch, ...]]:
@@ -47,17 +49,21 @@ def misfit(problem: Problem, solution: Solution, control: int, mode: Mode, t: np
         near = np.zeros(t.size, dtype=bool)
         for constraint in laws.acting(problem, control):
             if mode.constraint in {None, constraint.name}:
-                near |= _near(problem, solution, constraint, t)
+                values = constraint_values(problem, solution, constraint, t, solution.at(t))
+                near |= values > -_FITS * max(float(np.ptp(values)), 1e-300)
         return np.where(near, 0.0, 0.5)
-    return {"lower": share, "upper": 1.0 - share}.get(mode.kind, 0.5 * at_bound)
+    if mode.kind in {"lower", "upper"}:
+        return np.array(share if mode.kind == "lower" else 1.0 - share)
+    return np.array(0.5 * at_bound)
 
 
-def _near(problem: Problem, solution: Solution, constraint: Constraint, t: np.ndarray) -> np.ndarray:
-    """Tell at which times t (n,) a state constraint is within a hundredth of its range from being active."""
+def constraint_values(
+    problem: Problem, solution: Solution, constraint: Constraint, t: np.ndarray, x: np.ndarray
+) -> np.ndarray:
+    """Evaluate a state constraint at times t (n,) and states x (nx, n); returns (n,)."""
     p = column(solution.parameters[name] for name in problem.parameter_names)
     function = casadi.Function("c", [problem.x, time], [casadi.substitute(constraint.expression, problem.p, p)])
-    values = function.map(t.size)(solution.at(t), t[None, :]).full().ravel()
-    return np.array(values > -1e-2 * max(float(np.ptp(values)), 1e-300))
+    return np.array(function.map(t.size)(x, t[None, :]).full().ravel())
 
 
 def _read(problem: Problem, solution: Solution, arc: Arc, i: int) -> list[Stretch]:
@@ -100,11 +106,9 @@ def _read(problem: Problem, solution: Solution, arc: Arc, i: int) -> list[Stretc
 
 def _active(problem: Problem, solution: Solution, arc: Arc, constraint: Constraint) -> np.ndarray:
     """Return a mask (intervals,) of the intervals all of whose nodes lie on a state constraint."""
-    p = column(solution.parameters[name] for name in problem.parameter_names)
-    function = casadi.Function("c", [problem.x, time], [casadi.substitute(constraint.expression, problem.p, p)])
-    values = function.map(arc.t.size)(arc.x, arc.t[None, :]).full().ravel()
+    values = constraint_values(problem, solution, constraint, arc.t, arc.x)
     near = values > -ACTIVE * max(float(np.ptp(values)), 1e-300)
-    return np.array([bool(near[a : b + 1].all()) for a, b in zip(arc.mesh[:-1], arc.mesh[1:], strict=True)])
+    return np.array([bool(near[a : b + 1].all()) for a, b in pairwise(arc.mesh)])
 
 
 def _joined(stretches: list[Stretch]) -> tuple[Stretch, ...]:

@@ -46,7 +46,8 @@ def bang_bang(scale: float = 1.0, pace: float = 1.0, cost: float = 1.0) -> Probl
     x, v = states("x v")
     u = controls("u")
     return Problem(
-        name="double", minimise=cost * final_time / pace, dynamics={x: v / pace, v: u / pace}, bounds={u: (-scale, scale)},
+        name="double", minimise=cost * final_time / pace,
+        dynamics={x: v / pace, v: u / pace}, bounds={u: (-scale, scale)},
         start={x: scale, v: scale}, end={x: 0, v: 0},
     )  # fmt: skip
 
@@ -64,7 +65,7 @@ def test_double_integrator_is_certified_with_its_closed_form_costates() -> None:
 
 
 def test_boundary_arc_has_the_closed_form_multiplier() -> None:
-    """Rest to rest over 10 with v <= 1.5: lambda_x = -2/3 constant, lambda_v = 0 on the boundary, so mu = -lambda_x = 2/3."""
+    """Rest to rest over 10 with v <= 1.5: lambda_x = -2/3 constant, lambda_v = 0 on the boundary: mu = -lambda_x."""
     x, v = states("x v")
     u = controls("u")
     problem = Problem(

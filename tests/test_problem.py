@@ -173,6 +173,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     # guesses
     "state-dependent guess": ({"guess": {x: y}}, "guess of 'x': y may only depend on time"),
     "guess of three": ({"guess": {x: (1, 2, 3)}}, "guess of 'x': (1, 2, 3) where a number, a pair (start, end)"),
+    "guess of one": ({"guess": {x: (1,)}}, "guess of 'x': (1,) where a number, a pair (start, end)"),
     "nan guess": ({"guess": {x: math.nan}}, "guess of 'x': nan where a finite number is needed"),
     "string guess": ({"guess": {x: "1"}}, "guess of 'x': '1' where a number is needed"),
     "relation as guess": ({"guess": {x: time <= 1}}, "guess of 'x': SX((t<=1)) where a number is needed"),

@@ -1,14 +1,15 @@
-"""The public problems: registered, short, and their references confirmed by integrating the arcs along the derived laws."""
+"""The public problems: registered, short, and their references confirmed along the derived laws."""
 
 import importlib
+import tomllib
 from functools import cache
 from importlib.metadata import entry_points
+from itertools import pairwise
 from pathlib import Path
 
 import casadi
 import numpy as np
 import pytest
-import tomllib
 from scipy.integrate import DOP853
 
 from socp import laws
@@ -34,7 +35,7 @@ def word(problem: Problem) -> Word:
     return laws.resolved(problem, Word.parse(problem.reference.word, problem.control_names))
 
 
-def test_every_problem_file_is_registered_under_its_own_name():
+def test_every_problem_file_is_registered_under_its_own_name() -> None:
     table = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]["socp.problems"]
     assert table == {name: f"socp_problems.{name}:problem" for name in NAMES}
     installed = {entry.name for entry in entry_points(group="socp.problems")}
@@ -42,7 +43,7 @@ def test_every_problem_file_is_registered_under_its_own_name():
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_file_is_short_and_names_its_problem_title_and_source(name):
+def test_file_is_short_and_names_its_problem_title_and_source(name: str) -> None:
     lines = (ROOT / "problems" / f"{name}.py").read_text().splitlines()
     problem = load(name)
     assert len(lines) <= 40
@@ -53,13 +54,13 @@ def test_file_is_short_and_names_its_problem_title_and_source(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_no_law_is_given_where_it_can_be_derived(name):
+def test_no_law_is_given_where_it_can_be_derived(name: str) -> None:
     assert not load(name).singular
     assert not load(name).boundary
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_rates_and_cost_are_finite_on_the_default_guess(name):
+def test_rates_and_cost_are_finite_on_the_default_guess(name: str) -> None:
     problem, guess = load(name), default_guess(load(name))
     function = casadi.Function("f", [problem.x, problem.u, time], [casadi.vertcat(problem.rate, problem.lagrangian)])
     t = guess.arcs[0].t
@@ -67,19 +68,19 @@ def test_rates_and_cost_are_finite_on_the_default_guess(name):
 
 
 @pytest.mark.parametrize("name", WITH_WORD)
-def test_reference_has_one_switch_between_neighbouring_arcs(name):
+def test_reference_has_one_switch_between_neighbouring_arcs(name: str) -> None:
     problem = load(name)
     reference, arcs = problem.reference, word(problem).arcs
     assert len(reference.switches) == len(arcs) - 1
     assert list(reference.switches) == sorted(set(reference.switches))
-    assert all(a != b for a, b in zip(arcs[:-1], arcs[1:], strict=True)), "two neighbouring arcs are the same"
+    assert all(a != b for a, b in pairwise(arcs)), "two neighbouring arcs are the same"
     first, last = problem.initial_time_box[0], problem.final_time_box[1]
     assert first < reference.switches[0]
     assert reference.switches[-1] < last
 
 
 @pytest.mark.parametrize("name", WITH_WORD)
-def test_reference_objective_follows_from_its_switches_along_the_derived_laws(name):
+def test_reference_objective_follows_from_its_switches_along_the_derived_laws(name: str) -> None:
     """An independent route: DOP853 over the arcs, laws from `socp.laws`, and nothing of the solvers."""
     problem = load(name)
     reference = problem.reference
@@ -96,7 +97,7 @@ def test_reference_objective_follows_from_its_switches_along_the_derived_laws(na
         assert float(casadi.Function("c", [problem.x], [condition.expression])(x)) < 1e-8
 
 
-def test_fuller_reference_is_the_cost_of_the_optimal_synthesis():
+def test_fuller_reference_is_the_cost_of_the_optimal_synthesis() -> None:
     """Fuller's switching curve x1 = -C x2 |x2| with C = sqrt((sqrt(33) - 1) / 24); every arc is a parabola."""
     reference = load("fuller").reference
     C = np.sqrt((np.sqrt(33.0) - 1.0) / 24.0)
@@ -119,13 +120,14 @@ def integrate(problem: Problem) -> tuple[float, np.ndarray, float]:
     controls = [laws.arc_law(problem, modes).control for modes in word(problem).arcs]
     times = [problem.initial_time_box[0], *problem.reference.switches, final(problem)]
     y = np.append(problem.start_box[0], 0.0)
-    for control, a, b in zip(controls, times[:-1], times[1:], strict=True):
+    start = times[0]
+    for control, end in zip(controls, times[1:], strict=True):
         rates = casadi.substitute(casadi.vertcat(problem.rate, problem.lagrangian), problem.u, control)
         flow = casadi.Function("f", [problem.x, time], [rates])
         # a free end time that is not the cost itself is where the cost stops falling, as nothing else holds it
         falling = casadi.Function("s", [problem.x, time], [casadi.jtimes(problem.mayer, problem.x, rates[:-1])])
-        a, y = advance(flow, falling if b is None else None, (a, b), y)
-    return a, y[:-1], float(y[-1])
+        start, y = advance(flow, falling if end is None else None, (start, end), y)
+    return start, y[:-1], float(y[-1])
 
 
 def final(problem: Problem) -> float | None:
@@ -135,9 +137,19 @@ def final(problem: Problem) -> float | None:
     return problem.reference.objective if casadi.is_equal(problem.mayer, final_time) else None
 
 
-def advance(flow: casadi.Function, falling: casadi.Function | None, span: tuple[float, float | None], y: np.ndarray):
+def advance(
+    flow: casadi.Function, falling: casadi.Function | None, span: tuple[float, float | None], y: np.ndarray
+) -> tuple[float, np.ndarray]:
     a, b = span
-    solver = DOP853(lambda t, y: flow(y[:-1], t).full().ravel(), a, y, b or a + 10.0, rtol=1e-13, atol=1e-14, max_step=0.1 if b else 0.01)
+    solver = DOP853(
+        lambda t, y: flow(y[:-1], t).full().ravel(),
+        a,
+        y,
+        b or a + 10.0,
+        rtol=1e-13,
+        atol=1e-14,
+        max_step=0.1 if b else 0.01,
+    )
     before = -1.0
     while solver.status == "running":
         solver.step()
@@ -151,7 +163,7 @@ def advance(flow: casadi.Function, falling: casadi.Function | None, span: tuple[
     return solver.t, solver.y
 
 
-def crossing(solver: DOP853, falling: casadi.Function):
+def crossing(solver: DOP853, falling: casadi.Function) -> tuple[float, np.ndarray]:
     dense, low, high = solver.dense_output(), solver.t_old, solver.t
     for _ in range(60):
         middle = (low + high) / 2

@@ -194,3 +194,10 @@ def test_an_arc_of_no_length_is_passed() -> None:
     empty = replace(arc, t=np.full_like(arc.t, 1.0), x=np.full_like(arc.x, 1.0))
     found = verified(walk(end={x: 1}), replace(solution, arcs=(arc, empty)))
     assert found.worst < 1e-12
+
+
+def test_a_parabola_does_not_hide_its_peak_in_one_step() -> None:
+    # x' = y, y' = u = -1 from y = 1/2: x peaks at 1/8, half way through what is one step of an integrator of order 8
+    problem = walk(dynamics={x: y, y: u}, start={x: 0, y: 0.5}, path={"low": x <= 0})
+    found = verified(problem, claimed(problem, lambda t: [t / 2 - t**2 / 2, 0.5 - t], lambda t: 0 * t - 1))
+    assert found.path == pytest.approx(1.0, rel=1e-2)  # 1/8, relative to the largest x of the claim

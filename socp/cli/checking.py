@@ -22,10 +22,10 @@ _TOLD = 4  # reasons told in a report; `socp check` tells them all
 @click.option("--json", "as_json", is_flag=True, help="Write the verdict as JSON.")
 @click.pass_obj
 def check(session: Session, /, result: str, problem: str | None, as_json: bool) -> int:
-    """Judge a saved result: is it feasible, is it an extremal of Pontryagin's principle, and how clearly?
+    """Judge a saved result: whether it is feasible, whether it is an extremal of Pontryagin's principle, how clearly.
 
-    Everything is worked out anew from the problem and from the states and controls in the file. Exit code 0 if the result
-    is certified as an extremal, 1 if it is not.
+    Everything is worked out anew from the problem and from the states and controls in the file. Exit code 0 if the
+    result is certified as an extremal, 1 if it is not.
     """
     from socp.chain import judge
     from socp.solution import Solution
@@ -63,8 +63,8 @@ def lines(verdict: "Verdict", told: int = _TOLD) -> list[Text]:
     if verdict.extremal:
         found.append(Text(f"objective within {verdict.objective_error:.1e}: {verdict.digits} digits"))
     if verdict.rings:
-        ratios = ", ".join(f"{name} varies {verdict.ringing[name]:.3g} times as much as its mean" for name in verdict.rings)
-        found.append(Text(f"ringing: {ratios}", "yellow"))
+        ratios = [f"{name} varies {verdict.ringing[name]:.3g} times as much as its mean" for name in verdict.rings]
+        found.append(Text(f"ringing: {', '.join(ratios)}", "yellow"))
     return [*found, *(Text(note, "yellow") for note in verdict.notes)]
 
 

@@ -1,5 +1,6 @@
 """What the commands show of a solution: its facts as plain values, and as text."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -74,8 +75,8 @@ def same_word(problem: "Problem", solution: "Solution") -> bool | None:
         word = Word.parse(problem.reference.word, problem.control_names)
     except MethodError:
         return None
-    plain = {name: " ".join(mode.partition("[")[0] for mode, _, _ in row) for name, row in solution.structure.items()}
-    return all(plain.get(name) == word.of(name) for name in problem.control_names)
+    found = {name: " ".join(mode.partition("[")[0] for mode, _, _ in row) for name, row in solution.structure.items()}
+    return all(found.get(name) == re.sub(r"\[[^]]*\]", "", word.of(name)) for name in problem.control_names)
 
 
 def report(problem: "Problem", solution: "Solution", path: str) -> Table:
