@@ -1,6 +1,5 @@
 """Legendre-Gauss-Radau collocation on several phases of free lengths, with free controls or along a given word."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, final
 
@@ -13,25 +12,19 @@ from socp import (
     Solution,
     Watch,
     Word,
-    follow,
     hookimpl,
     option,
     silent,
     single_phase,
     solve_collocated,
     uniform,
-)  # fmt: skip
-from socp.collocate import Mesh
+)
+from socp.following import Follower, sound
 from socp.guess import arranged, split
-from socp.meshing import refined
-from socp.phases import PhasedProblem
 from socp.schemes import euler, lgr
-from socp.simulate import scales, verify
 from socp.solution import Stop
 
 _COARSE = 100  # steps of the coarse solve: enough to show the arcs, few enough to cost nothing
-_MISSED = 1e-9  # of the re-integrated control: collocation of smooth motion at the default tolerance stays below
-_PASSES = 8  # meshes tried; each multiplies the intervals of an arc by up to four
 
 
 @final
@@ -62,33 +55,14 @@ class LgrMultiphase(Method):
             phased, meshes = single_phase(problem, self.phases), [uniform(lgr(self.points or 40), self.intervals or 1)]
             return solve_collocated(phased, meshes * self.phases, self.backend, self._cut(guess, self.phases), watch)
         word = Word.parse(self.word, problem.control_names)
-        phased = follow(problem, word)
-        solution = self._along(phased, self._cut(guess, len(phased.phases)), watch)
-        if _sound(problem, solution) or solution.stop is Stop.INTERRUPTED:
+        follower = Follower(self.points or 10, self.intervals, self.tolerance, backend=self.backend)
+        solution = follower(problem, word, self._cut(guess, len(word.arcs)), watch)
+        if sound(problem, solution) or solution.stop is Stop.INTERRUPTED:
             return solution
         coarse = solve_collocated(single_phase(problem), [uniform(euler(), _COARSE)], Ipopt(), guess, watch)
-        boxed = replace(phased, phases=tuple(replace(phase, boxed=True) for phase in phased.phases))
-        again = self._along(boxed, arranged(problem, coarse, word), watch)
+        again = replace(follower, boxed=True)(problem, word, arranged(problem, coarse, word), watch)
         better = again if again.stop.ok or not solution.stop.ok else solution
         return better.after(coarse).after(solution if better is again else again)
-
-    def _along(self, phased: PhasedProblem, guess: Solution, watch: Watch) -> Solution:
-        """Solve along a word from one guess."""
-        points = self.points or 10
-        meshes: Sequence[Mesh] = [uniform(lgr(points), self.intervals or 1)] * len(phased.phases)
-        solution = solve_collocated(phased, meshes, self.backend, guess, watch)
-        tolerance = self.tolerance
-        for _ in range(0 if self.intervals else _PASSES):
-            if not _sound(phased.of, solution):
-                break
-            finer = refined(solution.arcs, scales(phased.of, solution), points, tolerance)
-            if finer is None:
-                if verify(phased.of, solution)[0].worst <= _MISSED:
-                    break
-                tolerance /= 100.0  # where the motion is not smooth the end of an interval is no better than its inside
-                continue
-            solution = solve_collocated(phased, finer, self.backend, solution, watch).after(solution)
-        return solution
 
     def _cut(self, guess: Solution, count: int) -> Solution:
         if not self.lengths:
@@ -100,13 +74,6 @@ class LgrMultiphase(Method):
         if len(lengths) != count or min(lengths) <= 0:
             raise MethodError(f"lengths: '{self.lengths}' should be {count} positive numbers, one an arc")
         return split(guess, lengths)
-
-
-def _sound(problem: Problem, solution: Solution) -> bool:
-    """Tell whether the solver is content and the laws stay in the box, which the programme does not impose."""
-    low, high = problem.box[0][:, None], problem.box[1][:, None]
-    margin = 1e-6 * (high - low)  # beyond the solver's own tolerance
-    return solution.stop.ok and all(((arc.u >= low - margin) & (arc.u <= high + margin)).all() for arc in solution.arcs)
 
 
 @hookimpl

@@ -17,6 +17,7 @@ from socp.solution import Solution
 from socp.structure import ACTIVE, AT_BOUND
 
 _WEIGHTS = lgr(POINTS).weights
+SWITCHING = "switching function"  # begins the names of the rows about one
 SCALE = "Hamiltonian at the"  # begins the names of the rows that tie the multipliers to the cost of a free time
 
 
@@ -42,6 +43,14 @@ class Rows:
         """Return the violations (m,) at multipliers z (nz,)."""
         value = self.offset + self.matrix @ z
         return np.array(np.abs(value) if self.equation else np.maximum(value, 0.0))
+
+    def wants(self, k: int, z: np.ndarray) -> str:
+        """Return the mode that the switching function asks for at row k, empty if the row is about something else."""
+        if not self.name.startswith(SWITCHING):
+            return ""
+        if not self.equation:
+            return "-" if self.where[k].endswith("(+)") else "+"
+        return "-" if self.offset[k] + self.matrix[k] @ z > 0 else "+"
 
 
 def conditions(along: Along) -> Iterator[Rows]:

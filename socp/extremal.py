@@ -1,6 +1,7 @@
 """Arcs before the singular controls are known: motion, boundary controls and multipliers, and what vanishes."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import final
@@ -151,10 +152,8 @@ def _tower(setting: Setting, j: int, constraint: Constraint) -> tuple[list[Expr]
     """Return the tower of a constraint that control j follows; MethodError where it does not act on it."""
     problem = setting.problem
     held, top = tower(problem, constraint)
-    try:
+    with suppress(MethodError):  # other controls act on it, and these are known here
         held, top = tower(problem, constraint, setting.given)
-    except MethodError:  # other controls act on it, and these are known here
-        pass
     at = sampled.onto(problem, column(held), sampled.admissible(problem))
     slopes = sampled.nonzero(problem, casadi.jacobian(top, problem.u), at)[0]
     if not slopes[j]:

@@ -17,13 +17,15 @@ RINGS = 1.5
 class Finding:
     """One condition of Pontryagin's principle: its worst residual over the Hamiltonian's magnitude, where and when.
 
-    `residual` is dimensionless; it holds if it is at most `EXTREMAL`.
+    `residual` is dimensionless; it holds if it is at most `EXTREMAL`. `wants` is the mode (+ or -) that the switching
+    function asks for there, where the condition is about one.
     """
 
     condition: str
     residual: float
     where: str = ""
     t: float | None = None
+    wants: str = ""
 
     @property
     def holds(self) -> bool:
