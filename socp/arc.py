@@ -67,7 +67,9 @@ def lagrange(nodes: np.ndarray, values: np.ndarray, t: np.ndarray) -> np.ndarray
     hit = np.abs(distance) <= 1e-15 * span  # as near as this the quotient overflows, and the value is the node's
     distance[hit] = 1.0
     terms = weights / distance
-    result: np.ndarray = ((terms @ values.T) / terms.sum(axis=1, keepdims=True)).T
+    total = terms.sum(axis=1, keepdims=True)
+    total[hit.any(axis=1)] = 1.0  # at a node the sum means nothing, and may be zero
+    result: np.ndarray = ((terms @ values.T) / total).T
     where, node = np.nonzero(hit)
     result[:, where] = values[:, node]
     return result

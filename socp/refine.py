@@ -1,13 +1,14 @@
 """Structure refinement: from a direct solution to a word that the judge certifies, by solving, judging and mending."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise, product
 from typing import final
 
 import numpy as np
 
 from socp import laws
+from socp.backends import Ipopt
 from socp.chain import judge
 from socp.errors import MethodError
 from socp.following import Follower, sound
@@ -16,12 +17,17 @@ from socp.nlp import Watch, silent
 from socp.problem import Problem
 from socp.solution import Solution, Stop
 from socp.structure import constraint_values, structure
+from socp.verdict import EXTREMAL
 from socp.word import Mode, Word
 
 _SHORT = 1e-6  # of the horizon: an arc that shrinks to this is none
 _BLURRED = 2.5  # steps of a grid: a stretch shorter than this, inside its box, is a switch that the grid has smeared
+_FLUTTER = 6.0  # steps of a grid: bangs in a row that are all shorter than this imitate a singular arc
+_MANY = 6  # stretches of one control from which on short bangs are taken for flutter
 _SPROUT = 0.02  # of the arc that it is put into: the first length of an inserted arc, soon corrected by the solver
 _SOLVES = 40  # words tried before the search gives up
+
+_BACKEND = Ipopt({"tol": 1e-11, "max_iter": 300})  # a right word takes tens of iterations; a wrong one should not take thousands
 
 Joint = tuple[Mode, ...]
 
@@ -75,7 +81,7 @@ def read(problem: Problem, solution: Solution) -> Candidate:
     step = (solution.final_time - solution.initial_time) / sum(len(arc.mesh) - 1 for arc in solution.arcs)
     rows = {}
     for name, row in structure(problem, solution).items():
-        kept = list(row)
+        kept = _calmed(list(row), _FLUTTER * step)
         while len(kept) > 1:
             blurred = [k for k, (mode, a, b) in enumerate(kept) if mode not in "+-" and b - a < _BLURRED * step]
             if not blurred:
@@ -83,6 +89,19 @@ def read(problem: Problem, solution: Solution) -> Candidate:
             _absorb(kept, blurred[0])
         rows[name] = tuple(kept)
     return candidate(solution, rows)
+
+
+def _calmed(row: list[tuple[str, float, float]], shortest: float) -> list[tuple[str, float, float]]:
+    """Return stretches in which every flutter from bound to bound, shorter than a few steps each time, is singular."""
+    calm: list[tuple[str, float, float]] = []
+    for k, (mode, a, b) in enumerate(row):
+        flutters = 0 < k < len(row) - 1 and mode in "+-s" and b - a < shortest
+        new = "s" if flutters and len(row) > _MANY else mode
+        if calm and calm[-1][0] == new:
+            calm[-1] = (new, calm[-1][1], b)
+        else:
+            calm.append((new, a, b))
+    return calm
 
 
 def _absorb(row: list[tuple[str, float, float]], k: int) -> None:
@@ -130,6 +149,7 @@ def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Ca
     now = Candidate(tried.arcs, edges, solution)
     shortest = _SHORT * (edges[-1] - edges[0])
     gone = [k for k, (a, b) in enumerate(pairwise(edges)) if b - a <= shortest]
+    yield from (_dropped(now, problem, label) for label in _slack(solution))
     if gone:
         yield merged(_without(now, shortest))
         yield from (_swapped(now, k) for k in gone if 0 < k < len(now.arcs) - 1)
@@ -142,6 +162,28 @@ def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Ca
             control = problem.control_names.index(finding.where.split(",")[0])
             yield insert(now, control, finding.wants, finding.t)
             yield insert(now, control, "s", finding.t)
+
+
+def _slack(solution: Solution) -> Iterator[str]:
+    """Yield the bang stretches whose switching function never takes the right sign clearly."""
+    if solution.verdict is not None:
+        level = min(solution.verdict.residual, EXTREMAL)
+        yield from (label for label, margin in solution.verdict.margins.items() if margin <= level)
+
+
+def _dropped(given: Candidate, problem: Problem, label: str) -> Candidate:
+    """Return a candidate whose control goes on with its neighbouring mode on a stretch, such as `r, stretch 2 (-)`."""
+    name, number = label.split(",")[0], int(label.split("stretch ")[1].split(" ")[0]) - 1
+    i, row = problem.control_names.index(name), list(given.source.structure[name])
+    if len(row) == 1:
+        return given
+    neighbour = row[number - 1][0] if number else row[1][0]
+    _, a, b = row[number]
+    arcs = []
+    for arc, (start, end) in zip(given.arcs, pairwise(given.edges), strict=True):
+        inside = a <= (start + end) / 2.0 <= b
+        arcs.append((*arc[:i], Mode.parse(neighbour), *arc[i + 1 :]) if inside else arc)
+    return merged(Candidate(tuple(arcs), given.edges, given.source))
 
 
 def _swapped(given: Candidate, k: int) -> Candidate:
@@ -177,20 +219,20 @@ def _violated(problem: Problem, now: Candidate) -> Iterator[Candidate]:
 def starts(problem: Problem, first: Candidate) -> Iterator[Candidate]:
     """Yield words with bang arcs where a control begins or ends on a singular arc: a given end is seldom on its surface."""
     ends = ((0, first.edges[0]), (-1, first.edges[-1]))
-    for k, t in ends:
-        for i in range(len(problem.control_names)):
-            if first.arcs[k][i].kind == "singular":
-                inner = first.source.at(np.array([t]), "u")[i, 0] - float(np.median(first.source.rows("u")[i]))
-                signs = "+-" if inner > 0 else "-+"
-                yield from (insert(first, i, sign, t) for sign in signs)
-    for sign in "+-":
-        for other in "+-":
-            both = first
-            for (k, t), mode in zip(ends, (sign, other), strict=True):
-                for i in range(len(problem.control_names)):
-                    if first.arcs[k][i].kind == "singular":
-                        both = insert(both, i, mode, t)
-            yield both
+    places = [(k, t, i) for k, t in ends for i in range(len(problem.control_names)) if first.arcs[k][i].kind == "singular"]
+    signs = ["+-" if _pulls(first.source, i, t) > 0 else "-+" for _, t, i in places]
+    for choice in product((0, 1), repeat=len(places)):
+        new = first
+        for (_, t, i), pair, k in zip(places, signs, choice, strict=True):
+            new = insert(new, i, pair[k], t)
+        yield new
+    yield from (insert(first, i, sign, t) for (_, t, i), pair in zip(places, signs, strict=True) for sign in pair)
+
+
+def _pulls(solution: Solution, i: int, t: float) -> float:
+    """Return how far a control at an end of the horizon is from what it is along the way."""
+    nearest = solution.at(np.array([t]), "u")[i, 0]
+    return float(nearest - np.median(solution.rows("u")[i]))
 
 
 # -- the search
@@ -230,13 +272,13 @@ def _tried(problem: Problem, now: Candidate, watch: Watch) -> Solution | None:
     """Solve along a candidate's word, with its laws boxed where they would leave the box; None where that fails."""
     word = Word(problem.control_names, now.arcs)
     try:
-        solution = Follower()(problem, word, now.guess(), watch)
+        solution = Follower(backend=_BACKEND)(problem, word, now.guess(), watch)
         if solution.stop.ok and not sound(problem, solution):
-            boxed = Follower(boxed=True)(problem, word, now.guess(), watch)
+            boxed = Follower(boxed=True, backend=_BACKEND)(problem, word, now.guess(), watch)
             solution = boxed if boxed.stop.ok else solution
     except MethodError:
         return None
-    return judge(problem, solution)
+    return judge(problem, solution) if solution.stop.ok else solution
 
 
 def _rank(solution: Solution | None) -> tuple[bool, float]:

@@ -4,8 +4,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from socp.registry import Registry
+
+settings.register_profile("socp", deadline=None)  # how long an example takes depends on what else is running
+settings.load_profile("socp")
 
 Install = Callable[..., None]
 

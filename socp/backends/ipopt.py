@@ -69,6 +69,10 @@ class Ipopt:
         Raises SolveError where casadi cannot build the programme, and whatever the watch raises.
         """
         began = time.perf_counter()
+        equations, unknowns = (int((box[0] == box[1]).sum()) for box in (nlp.g_box, nlp.v_box))
+        unknowns = nlp.v_box.shape[1] - unknowns
+        if equations > unknowns:
+            return replace(guess, stop=Stop.INFEASIBLE, message=f"{equations} equations for {unknowns} unknowns")
         observer = _Observer(nlp, watch)
         solver = _solver(nlp, observer, {**_DEFAULTS, **self.options})
         built = time.perf_counter()

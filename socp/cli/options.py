@@ -11,7 +11,7 @@ from socp.errors import MethodError
 if TYPE_CHECKING:
     from socp.method import Method
 
-DEFAULT_METHOD = "euler-ipopt"
+DEFAULT_METHOD = "auto"
 
 _TRUTH = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}
 _WANTED = {int: "a whole number", float: "a number", bool: "true or false"}
