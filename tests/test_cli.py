@@ -24,7 +24,7 @@ from socp.symbols import time
 
 AUV = str(Path(__file__).parents[1] / "problems" / "auv.py")
 HEAVY = ("casadi", "pyomo", "cvxpy", "rerun", "matplotlib")
-PROBLEM = '''from socp.problem import Problem, controls, final_time, states
+PROBLEM = """from socp.problem import Problem, controls, final_time, states
 
 x, v = states("x v")
 u = controls("u")
@@ -36,7 +36,7 @@ problem = Problem(
     start={x: 0, v: 0},
     end={x: 1, v: 0},
 )
-'''
+"""
 
 
 class Said(NamedTuple):
@@ -69,7 +69,7 @@ def socp(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest
 
 def test_solve_reports_on_stdout_and_writes_the_result(socp: Command) -> None:
     """From rest to rest over a unit of distance with |u| <= 1: tf = 2, one switch at 1 (implicit Euler: order 1)."""
-    said = socp("solve", "cart.py", "-o", "steps=100")
+    said = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=100")
     assert said.code == 0
     for label in "method objective final word switches stop feasibility iterations seconds".split():  # noqa: SIM905
         assert f"\n{label} " in said.out
@@ -90,19 +90,19 @@ def test_solve_compares_with_the_reference(socp: Command) -> None:
     assert said.code == 0
     assert found["reference"]["error"] == found["objective"] - found["reference"]["objective"]
     assert found["result"] == "auv.socp.json"
-    assert "objective +" in socp("solve", AUV, "-o", "steps=60").out
+    assert "objective +" in socp("solve", AUV, "-m", "euler-ipopt", "-o", "steps=60").out
 
 
 def test_solve_takes_a_guess_an_output_and_a_name_in_a_file(socp: Command) -> None:
     Path("two.py").write_text(PROBLEM.replace("problem = ", "other = "))
-    assert socp("solve", "two.py:other", "-o", "steps=20", "--out", "first.json").code == 0
+    assert socp("solve", "two.py:other", "-m", "euler-ipopt", "-o", "steps=20", "--out", "first.json").code == 0
     said = socp("solve", "two.py:other", "-m", "trapezoidal", "--guess", "first.json", "--out", "second.json", "--json")
     assert (said.code, json.loads(said.out)["result"]) == (0, "second.json")
     assert Solution.load("second.json").method == "trapezoidal"
 
 
 def test_no_acceptable_solution_is_exit_1_and_still_written(socp: Command) -> None:
-    said = socp("solve", "cart.py", "-o", "ipopt.max_iter=1")
+    said = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "ipopt.max_iter=1")
     assert said.code == 1
     assert "the solver reached its limit of iterations or time" in said.out
     assert Solution.load("cart.socp.json").options["ipopt.max_iter"] == 1
@@ -110,24 +110,24 @@ def test_no_acceptable_solution_is_exit_1_and_still_written(socp: Command) -> No
 
 def test_progress_is_occasional_plain_and_on_stderr(socp: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("socp.cli.progress._OCCASIONAL", 0.0)
-    loud = socp("solve", "cart.py", "-o", "steps=10")
+    loud = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10")
     assert loud.err.startswith("cart, euler-ipopt: iteration 0 ")
     assert "infeasibility" in loud.err
     assert "infeasibility" not in loud.out
-    assert not socp("solve", "cart.py", "-o", "steps=10", "--quiet").err
+    assert not socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10", "--quiet").err
 
 
 def test_progress_is_one_live_line_on_a_terminal(socp: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setattr("socp.cli.progress._LIVE", 0.0)
-    said = socp("solve", "cart.py", "-o", "steps=10")
+    said = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10")
     assert "cart, euler-ipopt: building" in said.err
     assert "\x1b[2K" in said.err  # the line is erased when it is done
 
 
 def test_many_switching_times_are_counted(socp: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("socp.cli.show.MANY", 0)
-    assert "u: 1 switches" in socp("solve", "cart.py", "-o", "steps=40").out
+    assert "u: 1 switches" in socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=40").out
 
 
 # -- refusals
@@ -173,14 +173,46 @@ def test_a_bad_problem_file_is_one_message_with_its_line(socp: Command, name: st
         (["solve", "avu"], 3, "unknown problem 'avu'; did you mean 'auv'?"),
         (["solve", "cart.py:probelm"], 3, "cart.py: defines no 'probelm'; did you mean 'problem'?"),
         (["solve", "cart.py", "-m", "euler"], 2, "unknown method 'euler'; did you mean 'euler-ipopt'?"),
-        (["solve", "cart.py", "-o", "stpes=3"], 2, "euler-ipopt has no option 'stpes'; did you mean 'steps'?"),
-        (["solve", "cart.py", "-o", "steps=abc"], 2, "euler-ipopt: steps='abc', but it should be a whole number"),
-        (["solve", "cart.py", "-o", "steps=1.5"], 2, "euler-ipopt: steps='1.5', but it should be a whole number"),
-        (["solve", "cart.py", "-o", "steps=0"], 2, "euler-ipopt: steps=0, but it must be at least 1"),
-        (["solve", "cart.py", "-o", "steps"], 2, "-o steps: write KEY=VALUE, such as -o steps=400"),
-        (["solve", "cart.py", "-o", "backend=3"], 2, "euler-ipopt: backend: cannot be set as a whole"),
-        (["solve", "cart.py", "-o", "ipopt.tolll=3"], 2, "ipopt has no option 'tolll'; did you mean 'tol'?"),
-        (["solve", "cart.py", "-o", "ipop.tol=3"], 2, "euler-ipopt has no backend 'ipop'; did you mean 'ipopt'?"),
+        (
+            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "stpes=3"],
+            2,
+            "euler-ipopt has no option 'stpes'; did you mean 'steps'?",
+        ),
+        (
+            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=abc"],
+            2,
+            "euler-ipopt: steps='abc', but it should be a whole number",
+        ),
+        (
+            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=1.5"],
+            2,
+            "euler-ipopt: steps='1.5', but it should be a whole number",
+        ),
+        (
+            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=0"],
+            2,
+            "euler-ipopt: steps=0, but it must be at least 1",
+        ),
+        (
+            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps"],
+            2,
+            "-o steps: write KEY=VALUE, such as -o steps=400",
+        ),
+        (
+            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "backend=3"],
+            2,
+            "euler-ipopt: backend: cannot be set as a whole",
+        ),
+        (
+            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "ipopt.tolll=3"],
+            2,
+            "ipopt has no option 'tolll'; did you mean 'tol'?",
+        ),
+        (
+            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "ipop.tol=3"],
+            2,
+            "euler-ipopt has no backend 'ipop'; did you mean 'ipopt'?",
+        ),
         (["solve", "cart.py", "--out", "no/x.json"], 2, "--out no/x.json: there is no directory no"),
         (["solve", "cart.py", "--out", "."], 2, "--out .: is a directory; name a file in it"),
         (["solve", "cart.py", "--guess", "no.json"], 2, "--guess no.json: No such file or directory"),
@@ -232,17 +264,17 @@ def test_a_broken_plugin_is_shown_and_stops_nothing(socp: Command, install: Inst
     row = next(row for row in json.loads(listed.out) if row["name"] == "broken")
     assert (row["status"], row["reason"]) == ("failed", "ZeroDivisionError: division by zero (broken.py, line 1)")
     assert "failed" in socp("plugins").out
-    solved = socp("solve", "cart.py", "-o", "steps=10")
+    solved = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10")
     assert solved.code == 0
     assert solved.err.startswith("warning: broken of broken 1.0 is left out: ZeroDivisionError")
     assert socp("solve", "cart.py", "-m", "broken").code == 3
-    assert not socp("--no-plugin", "broken", "solve", "cart.py", "-o", "steps=10").err
+    assert not socp("--no-plugin", "broken", "solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10").err
 
 
 def test_a_listener_that_raises_is_a_warning(socp: Command, install: Install) -> None:
     hook = "from socp import hookimpl\n@hookimpl\ndef socp_solved(problem, solution):\n    raise OSError('disk full')\n"
     install("recorder", hook, plugin="recorder")
-    said = socp("solve", "cart.py", "-o", "steps=10")
+    said = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10")
     assert said.code == 0
     assert said.err == "warning: plugin 'recorder': socp_solved: OSError: disk full (recorder.py, line 4)\n"
 
@@ -392,7 +424,9 @@ sys.exit(main(sys.argv[1:]))
 
 
 def test_ctrl_c_ends_the_solver_and_writes_its_last_iterate(tmp_path: Path) -> None:
-    process = _python(SLOW, "solve", AUV, "-o", "steps=3000", "-o", "ipopt.tol=1e-13", cwd=tmp_path)
+    process = _python(
+        SLOW, "solve", AUV, "-m", "euler-ipopt", "-o", "steps=3000", "-o", "ipopt.tol=1e-13", cwd=tmp_path
+    )
     assert process.stderr is not None
     for line in process.stderr:
         if "iteration 3 " in line:
@@ -422,7 +456,7 @@ def test_ctrl_c_while_judging_keeps_what_was_solved(socp: Command, monkeypatch: 
         raise KeyboardInterrupt
 
     monkeypatch.setattr("socp.chain.judge", interrupted)
-    said = socp("solve", "cart.py", "-o", "steps=10")
+    said = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10")
     assert said.code == 130
     assert said.err == "interrupted before it was verified: the result is in cart.socp.json\n"
     assert Solution.load("cart.socp.json").stop.ok
