@@ -1,11 +1,36 @@
 """The default: direct solves show the arcs, their word is solved and mended until the judge certifies it."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
 from typing import ClassVar, final
 
-from socp import Backend, Ipopt, Method, Problem, Solution, Watch, hookimpl, option, silent, single_phase, solve_collocated, uniform
-from socp.refine import refine
+from socp import (
+    Backend,
+    Ipopt,
+    Method,
+    Problem,
+    Solution,
+    Watch,
+    hookimpl,
+    option,
+    silent,
+    single_phase,
+    solve_collocated,
+    uniform,
+)
+from socp.collocate import collocate
+from socp.errors import SolveError
+from socp.guess import scattered
+from socp.refine import Search, concluded, refine
 from socp.schemes import euler, radau_iia
+from socp.solution import Stop
+
+_STEPS = 20  # intervals of the scouting solves: the extremals of a problem differ by more than these are off
+_SCOUT = Ipopt({"tol": 1e-6, "max_iter": 150})  # to tell extremals apart takes no digits
+_DIRECT = Ipopt({"max_iter": 500})  # what a direct solve has not reached by then it hardly ever reaches
+_ALIKE = 1e-3  # relative: objectives of one extremal from different starts differ by rounding; of two, clearly
+_MET = 3  # starts that end in the best extremal known before it is believed to be the best
 
 
 @final
@@ -16,22 +41,56 @@ class Auto(Method):
     name: ClassVar[str] = "auto"
     source: ClassVar[str] = "structure from direct collocation, mended by the minimum principle"
     steps: int = option(100, "steps of the first direct solves", least=10)
-    backend: Backend = option(Ipopt(), "solver of the first direct solves")
+    starts: int = option(12, "coarse solves from scattered guesses, at most, to find the best extremal", least=0)
+    backend: Backend = option(_DIRECT, "solver of the first direct solves")
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
-        """Solve directly on two grids, then refine from each until a word is certified; else return the best found."""
-        direct = []
-        for mesh in (uniform(radau_iia(2), self.steps // 2), uniform(euler(), 2 * self.steps)):
-            found = solve_collocated(single_phase(problem), [mesh], self.backend, guess, watch)
+        """Scout from scattered guesses, then refine the best found until a word is certified; else return the best."""
+        search, directs = Search(), list[Solution]()
+        for start in (*self._scouts(problem, guess, watch), guess):
+            if start.stop is Stop.INTERRUPTED:
+                return start
+            for mesh in (uniform(radau_iia(2), self.steps // 2), uniform(euler(), 2 * self.steps)):
+                direct = solve_collocated(single_phase(problem), [mesh], self.backend, start, watch)
+                directs.append(direct)
+                if direct.stop is Stop.INTERRUPTED:
+                    return search.best or direct
+                found = refine(problem, direct, search, watch) if direct.stop.ok else None
+                if found is not None and search.over:
+                    break
+            if search.over:
+                break
+        return concluded(problem, search, directs)
+
+    def _scouts(self, problem: Problem, guess: Solution, watch: Watch) -> list[Solution]:
+        """Return one coarse solution for every extremal met, best first; none where the guess alone is to be used."""
+        reduced = collocate(single_phase(problem), [uniform(radau_iia(2), _STEPS)])
+        met: list[tuple[Solution, int]] = []
+        for start in islice(_guesses(problem, guess), self.starts):
+            try:
+                found = reduced.lift(_SCOUT(reduced.problem, reduced.push(start), watch))
+            except SolveError:
+                continue
+            if found.stop is Stop.INTERRUPTED:
+                return [found]
             if found.stop.ok:
-                direct.append(found)
-        best: Solution | None = None
-        for each in sorted(direct, key=lambda solution: solution.objective):
-            found, _ = refine(problem, each, watch)
-            if found is not None and found.extremal:
-                return found
-            best = found if best is None else best
-        return best if best is not None else direct[0]
+                met = _counted(met, found)
+            if met and met[0][1] >= _MET:
+                break
+        return [solution for solution, _ in met]
+
+
+def _guesses(problem: Problem, guess: Solution) -> Iterator[Solution]:
+    yield guess
+    yield from scattered(problem, guess)
+
+
+def _counted(met: list[tuple[Solution, int]], found: Solution) -> list[tuple[Solution, int]]:
+    """Count one more solution among those met, clustered by objective, best first."""
+    for k, (known, count) in enumerate(met):
+        if abs(known.objective - found.objective) <= _ALIKE * (abs(known.objective) + abs(found.objective)):
+            return [*met[:k], (known, count + 1), *met[k + 1 :]]
+    return sorted([*met, (found, 1)], key=lambda pair: pair[0].objective)
 
 
 @hookimpl

@@ -20,6 +20,8 @@ POINTS = 10
 _INTERVALS = 16
 # switches and touches that get a joint of their own; more than that is ringing, which a uniform mesh shows as well
 _CUTS = 64
+# passes that halve what is not smooth, the intervals they stop at, and the last Legendre coefficients that are smooth
+_HALVINGS, _MOST, _SMOOTH = 5, 100, 1e-6
 
 
 @final
@@ -82,6 +84,32 @@ def sample(problem: Problem, solution: Solution) -> Samples:
     """Lay the judge's nodes over a solution: along its arcs, cut where controls switch and where constraints touch."""
     cuts = np.array([*solution.switches, *_touches(problem, solution)])
     cuts = cuts if cuts.size <= _CUTS else np.empty(0)
+    samples = _laid(problem, solution, cuts)
+    for _ in range(_HALVINGS):
+        more = _rough(samples, solution)
+        if not more.size or samples.intervals + more.size > _MOST:
+            break
+        cuts = np.append(cuts, more)
+        samples = _laid(problem, solution, cuts)
+    return samples
+
+
+def _rough(samples: Samples, solution: Solution) -> np.ndarray:
+    """Return the middles of the intervals on which the slopes of the dynamics are no polynomials, on arcs with laws.
+
+    So a kink, as that of u |u|, comes to lie in a short interval: there the adjoint is of low order.
+    """
+    half = 0.5 * np.diff(samples.edges)
+    fx = samples.values["fx"].reshape(samples.intervals, samples.width, -1) * half[:, None, None]
+    legendre = np.linalg.inv(np.polynomial.legendre.legvander(lgr(POINTS).nodes, POINTS))
+    tail = np.abs(np.einsum("kj,ijm->ikm", legendre[-2:], fx)).max(axis=(1, 2))
+    lawful = np.array(["*" not in solution.arcs[k].modes for k in samples.arc[:: samples.width]])
+    rough = lawful & (tail > _SMOOTH)
+    middle: np.ndarray = 0.5 * (samples.edges[1:] + samples.edges[:-1])
+    return middle[rough]
+
+
+def _laid(problem: Problem, solution: Solution, cuts: np.ndarray) -> Samples:
     shortest = 1e-9 * (
         solution.final_time - solution.initial_time
     )  # shorter arcs are points: their nodes differ by rounding alone
@@ -103,8 +131,8 @@ def sample(problem: Problem, solution: Solution) -> Samples:
 
 
 def _intervals(arc: Arc, cuts: np.ndarray) -> list[tuple[float, float]]:
-    """Return the judge's intervals on an arc: its own, joined in groups where they are many, cut at the given times."""
-    ends = arc.t[arc.mesh]
+    """Return the judge's intervals on an arc: its own, joined in groups where many, halved where long, cut as given."""
+    ends = _halved(arc)
     step = -(-(len(ends) - 1) // _INTERVALS)
     kept = np.append(ends[:-1:step], ends[-1])
     apart = 1e-9 * (ends[-1] - ends[0])  # cuts nearer to an end than this are that end, up to rounding
@@ -114,6 +142,17 @@ def _intervals(arc: Arc, cuts: np.ndarray) -> list[tuple[float, float]]:
     points = np.delete(points, np.flatnonzero(near) + 1) if near.any() else points
     points[-1] = ends[-1]
     return list(zip(points[:-1].tolist(), points[1:].tolist(), strict=True))
+
+
+def _halved(arc: Arc) -> np.ndarray:
+    """Return the ends of an arc's intervals, those with more nodes than the judge's cut into equal parts.
+
+    The costate is about as smooth as the states, so it needs as many nodes.
+    """
+    ends = arc.t[arc.mesh]
+    parts = [1 if n <= POINTS + 2 else -(-n // POINTS) for n in np.diff(arc.mesh)]
+    inner = [np.linspace(a, b, k + 1)[:-1] for a, b, k in zip(ends[:-1], ends[1:], parts, strict=True)]
+    return np.append(np.concatenate(inner), ends[-1])
 
 
 def _touches(problem: Problem, solution: Solution) -> list[float]:

@@ -1,12 +1,14 @@
 """The guess of a problem: what its file says, straight lines and the middle of the box elsewhere."""
 
 import itertools
+from collections.abc import Iterator
 from typing import Any
 
 import casadi
 import numpy as np
 
 from socp.problem import Problem
+from socp.simulate import scales
 from socp.solution import Arc, Solution, Stop
 from socp.structure import misfit
 from socp.symbols import column, final_time, initial_time, time
@@ -56,6 +58,28 @@ def guess_of(
         problem=problem.name, method="guess", arcs=(arc,), objective=float("nan"), stop=Stop.FAILED, message="a guess",
         state_names=problem.state_names, control_names=problem.control_names, parameters=p or {},
     )  # fmt: skip
+
+
+def scattered(problem: Problem, guess: Solution, seed: int = 0) -> Iterator[Solution]:
+    """Yield guesses without end, spread over what the problem's bounds and magnitudes allow, in opposite pairs.
+
+    Every state leaves the given guess for a plateau up to its own magnitude away, every control is constant in its box,
+    the horizon is up to twice or half as long; the second of a pair moves everything the other way.
+    """
+    random = np.random.default_rng(seed)
+    t, x, sizes = guess.t, guess.rows("x"), scales(problem, guess)[:, None]
+    share = (t - t[0]) / (t[-1] - t[0])
+    plateau = np.sin(np.pi * share) ** 0.25  # near 1, but 0 at the ends: it leaves the given states there
+    low, high = problem.box
+    free = problem.initial_time_box[0] < problem.initial_time_box[1] or np.ptp(problem.final_time_box) > 0
+    while True:
+        row = random.uniform(-1.0, 1.0, x.shape[0] + low.size + 1)
+        for side in (row, -row):
+            states, controls = side[: x.shape[0], None], side[x.shape[0] : -1]
+            moved = np.clip(x + sizes * states * plateau, *problem.state_box[:, :, None])
+            u = np.repeat((low + (high - low) * (controls + 1.0) / 2.0)[:, None], t.size, axis=1)
+            longer = 2.0 ** side[-1] if free else 1.0
+            yield guess_of(problem, t[0] + (t - t[0]) * longer, moved, u, dict(guess.parameters))
 
 
 def split(guess: Solution, lengths: list[float]) -> Solution:

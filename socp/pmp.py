@@ -6,13 +6,14 @@ equations usually finds them; where the result fails, a linear programme finds t
 residual, or proves by that residual that there are none within tolerance.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 from scipy.linalg import lstsq
 
-from socp import margins
+from socp import claims, margins
 from socp.adjoint import POINTS, Samples, condense, sample
 from socp.along import Along
 from socp.conditions import SCALE, Rows, conditions
@@ -150,11 +151,19 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
     costate, size = along.costates.at(z), laid.magnitude(z)
     offset, matrix = along.sigma
     switching = offset + matrix @ z
-    findings = (*laid.findings(z), *_without_length(solution))
+    density = np.einsum("ncz,z->cn", along.costates.mu, z)
+    slack = np.abs(density * samples.values["c"])
+    findings = _worst_of(
+        (
+            *laid.findings(z),
+            *claims.claims(along, density, size),
+            *_complementary(along, slack, z, size),
+            *_without_length(solution),
+        )
+    )
     certain = all(finding.holds for finding in findings)
-    gain = (
-        np.zeros_like(samples.t) if certain else _gain(problem, samples, switching)
-    )  # else it would measure the judge
+    # where all holds, the gain would measure the judge
+    gain = slack.sum(axis=0) + (0.0 if certain else _gain(problem, samples, switching))
     error = margins.objective_error(problem, solution, samples, costate, gain)
     clebsch, unknown = margins.legendre_clebsch(problem, solution, samples, costate)
     verdict = Verdict(
@@ -173,6 +182,29 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
     return verdict, _with_multipliers(along, z)
 
 
+def _worst_of(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
+    """Keep the worst finding of every condition."""
+    worst: dict[str, Finding] = {}
+    for each in findings:
+        if each.condition not in worst or each.residual > worst[each.condition].residual:
+            worst[each.condition] = each
+    return tuple(worst.values())
+
+
+def _complementary(along: Along, slack: np.ndarray, z: np.ndarray, size: float) -> Iterator[Finding]:
+    """Yield multipliers of what is not quite active: slack (nc, n) is density times distance, jumps count likewise."""
+    samples, title = along.samples, "multipliers only where a constraint is met"
+    for j, constraint in enumerate(along.problem.constraints):
+        k = int(np.argmax(slack[j]))
+        yield Finding(
+            condition=title, residual=float(slack[j, k]) / size, where=constraint.name, t=float(samples.t[k])
+        )
+    for jump, (j, joint) in enumerate(along.unknowns.jumps):
+        off = abs(float(z[along.unknowns.jump_column(jump)] * samples.values["c"][j, joint * samples.width - 1]))
+        where, t = along.problem.constraints[j].name, float(samples.edges[joint])
+        yield Finding(condition=title, residual=off / along.horizon / size, where=where, t=t)
+
+
 def _gain(problem: Problem, samples: Samples, switching: np.ndarray) -> np.ndarray:
     """Return the Hamiltonian (n,) that the best admissible controls would gain at every node."""
     low, high = problem.box
@@ -182,7 +214,7 @@ def _gain(problem: Problem, samples: Samples, switching: np.ndarray) -> np.ndarr
 
 def _digits(error: float, objective: float) -> int:
     relative = error / max(abs(objective), 1e-300)
-    return int(np.clip(np.floor(-np.log10(max(relative, 1e-15))), 0, 15)) if np.isfinite(relative) else 0
+    return int(np.clip(np.floor(-np.log10(max(relative, 1e-13))), 0, 13)) if np.isfinite(relative) else 0
 
 
 def _without_length(solution: Solution) -> tuple[Finding, ...]:

@@ -1,8 +1,7 @@
 """Structure refinement: from a direct solution to a word that the judge certifies, by solving, judging and mending."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import pairwise, product
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import final
 
 import numpy as np
@@ -10,275 +9,127 @@ import numpy as np
 from socp import laws
 from socp.backends import Ipopt
 from socp.chain import judge
-from socp.errors import MethodError
+from socp.errors import MethodError, SolveError
 from socp.following import Follower, sound
-from socp.guess import split
-from socp.nlp import Watch, silent
+from socp.mending import Candidate, mends, read, starts
+from socp.nlp import NLP, NLPPoint, Watch, silent
 from socp.problem import Problem
+from socp.simulate import scales
 from socp.solution import Solution, Stop
-from socp.structure import constraint_values, structure
-from socp.verdict import EXTREMAL
-from socp.word import Mode, Word
+from socp.word import Word
 
-_SHORT = 1e-6  # of the horizon: an arc that shrinks to this is none
-_BLURRED = 2.5  # steps of a grid: a stretch shorter than this, inside its box, is a switch that the grid has smeared
-_FLUTTER = 6.0  # steps of a grid: bangs in a row that are all shorter than this imitate a singular arc
-_MANY = 6  # stretches of one control from which on short bangs are taken for flutter
-_SPROUT = 0.02  # of the arc that it is put into: the first length of an inserted arc, soon corrected by the solver
-_SOLVES = 40  # words tried before the search gives up
+_SOLVES = 40  # words tried before the search from one direct solution gives up
+_WORDS = 80  # the same from all direct solutions together
+_WORK = 1e6  # iterations times variables in all: some ten seconds, and the same words at any speed
+_FAINT = 1e-2  # costates times their states, in the objective's units: below, a tolerance of 1e-11 costs digits
+_CLEAR = 0.1  # what they are scaled to: more would ask for digits that rounding does not leave
+_LARGEST = 1e6  # factor on the objective: what is fainter still is lost in the rounding of the cost
+_SETUP = 10  # iterations that building a programme is worth
 
-_BACKEND = Ipopt({"tol": 1e-11, "max_iter": 300})  # a right word takes tens of iterations; a wrong one should not take thousands
-
-Joint = tuple[Mode, ...]
+# a right word takes tens of iterations; a wrong one should not take thousands
+_BACKEND = Ipopt({"tol": 1e-11, "max_iter": 300})
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A word to try: its arcs with their edges in time, and the solution whose states are the guess."""
+@dataclass(eq=False)
+class Ration:
+    """A backend that stops when the work allowed in all, iterations times variables, is done."""
 
-    arcs: tuple[Joint, ...]
-    edges: tuple[float, ...]
-    source: Solution
+    left: float = _WORK
+    backend: Ipopt = field(default_factory=lambda: _BACKEND)
+
+    def __call__(self, nlp: NLP, guess: NLPPoint, watch: Watch = silent) -> NLPPoint:
+        """Solve with as many iterations as are left; without any the point is the guess, at its limit."""
+        most = int(self.left / nlp.v.numel()) - _SETUP
+        if most < 1:
+            return replace(guess, stop=Stop.LIMIT, message="the work allowed for the search is done")
+        allowed = self.backend
+        if most < int(allowed.options["max_iter"]):
+            allowed = Ipopt({**allowed.options, "max_iter": most})
+        point = allowed(nlp, guess, watch)
+        self.left -= (point.iterations + _SETUP) * nlp.v.numel()
+        return point
+
+
+@final
+@dataclass(eq=False)
+class Search:
+    """What a search over words has tried so far: its words that were solved, their number, and the best solution.
+
+    `refine` goes on with it from one direct solution to the next.
+    """
+
+    solved: set[str] = field(default_factory=set)
+    count: int = 0
+    best: Solution | None = None
+    backend: Ration = field(default_factory=Ration)
 
     @property
-    def key(self) -> str:
-        """The word as text."""
-        return str(Word(tuple(str(i) for i in range(len(self.arcs[0]))), self.arcs))
+    def over(self) -> bool:
+        """Whether the work allowed is done, a certified word found, or the search interrupted."""
+        done = self.best is not None and (self.best.extremal or self.best.stop is Stop.INTERRUPTED)
+        return bool(done) or self.spent
 
-    def guess(self) -> Solution:
-        """Return the source cut at the edges."""
-        lengths = np.diff(self.edges)
-        return split(self.source, np.maximum(lengths, 1e-6 * lengths.sum()).tolist())
-
-
-def candidate(solution: Solution, stretches: dict[str, tuple[tuple[str, float, float], ...]]) -> Candidate:
-    """Return the word that the stretches of all controls spell together."""
-    start, end = solution.initial_time, solution.final_time
-    apart = 1e-9 * (end - start)
-    times = sorted({t for row in stretches.values() for _, _, t in row[:-1] if start + apart < t < end - apart})
-    edges = [start, *(t for k, t in enumerate(times) if k == 0 or t - times[k - 1] > apart), end]
-    arcs = []
-    for a, b in pairwise(edges):
-        middle = (a + b) / 2.0
-        arcs.append(tuple(Mode.parse(_mode(row, middle)) for row in stretches.values()))
-    return merged(Candidate(tuple(arcs), tuple(edges), solution))
+    @property
+    def spent(self) -> bool:
+        """Whether the work or the number of words allowed is done."""
+        return self.backend.left <= 0 or self.count >= _WORDS
 
 
-def _mode(row: tuple[tuple[str, float, float], ...], t: float) -> str:
-    return next((mode for mode, a, b in row if a <= t <= b), row[-1][0])
+def refine(
+    problem: Problem, direct: Solution, search: Search, watch: Watch = silent, solves: int = _SOLVES
+) -> Solution | None:
+    """Search for a certified word from a direct solution; returns the best judged solution so far, or None.
 
-
-def merged(given: Candidate) -> Candidate:
-    """Return a candidate without equal neighbours."""
-    keep = [0, *(k for k in range(1, len(given.arcs)) if given.arcs[k] != given.arcs[k - 1])]
-    arcs = tuple(given.arcs[k] for k in keep)
-    return Candidate(arcs, (*(given.edges[k] for k in keep), given.edges[-1]), given.source)
-
-
-def read(problem: Problem, solution: Solution) -> Candidate:
-    """Read the word of a direct solution, what its grid has smeared taken back."""
-    step = (solution.final_time - solution.initial_time) / sum(len(arc.mesh) - 1 for arc in solution.arcs)
-    rows = {}
-    for name, row in structure(problem, solution).items():
-        kept = _calmed(list(row), _FLUTTER * step)
-        while len(kept) > 1:
-            blurred = [k for k, (mode, a, b) in enumerate(kept) if mode not in "+-" and b - a < _BLURRED * step]
-            if not blurred:
-                break
-            _absorb(kept, blurred[0])
-        rows[name] = tuple(kept)
-    return candidate(solution, rows)
-
-
-def _calmed(row: list[tuple[str, float, float]], shortest: float) -> list[tuple[str, float, float]]:
-    """Return stretches in which every flutter from bound to bound, shorter than a few steps each time, is singular."""
-    calm: list[tuple[str, float, float]] = []
-    for k, (mode, a, b) in enumerate(row):
-        flutters = 0 < k < len(row) - 1 and mode in "+-s" and b - a < shortest
-        new = "s" if flutters and len(row) > _MANY else mode
-        if calm and calm[-1][0] == new:
-            calm[-1] = (new, calm[-1][1], b)
-        else:
-            calm.append((new, a, b))
-    return calm
-
-
-def _absorb(row: list[tuple[str, float, float]], k: int) -> None:
-    """Divide a stretch between its neighbours."""
-    _, a, b = row.pop(k)
-    if k == 0:
-        row[0] = (row[0][0], a, row[0][2])
-    elif k == len(row):
-        row[-1] = (row[-1][0], row[-1][1], b)
-    else:
-        middle = (a + b) / 2.0
-        row[k - 1], row[k] = (row[k - 1][0], row[k - 1][1], middle), (row[k][0], middle, row[k][2])
-        if row[k - 1][0] == row[k][0]:
-            row[k - 1 : k + 1] = [(row[k][0], row[k - 1][1], row[k][2])]
-
-
-# -- mending
-
-
-def insert(given: Candidate, control: int, mode: str, t: float) -> Candidate:
-    """Return a candidate with one control in another mode for a while around a time."""
-    edges = np.array(given.edges)
-    k = int(np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(given.arcs) - 1))
-    a, b = edges[k], edges[k + 1]
-    length = _SPROUT * (b - a)
-    start = float(np.clip(t - length / 2.0, a, b - length))
-    start = a if start - a < 2.0 * length else b - length if b - start < 3.0 * length else start
-    arc = given.arcs[k]
-    new = (*arc[:control], Mode.parse(mode), *arc[control + 1 :])
-    arcs = (*given.arcs[:k], arc, new, arc, *given.arcs[k + 1 :])
-    cut = Candidate(arcs, (*given.edges[: k + 1], start, start + length, *given.edges[k + 1 :]), given.source)
-    return merged(_without(cut, 0.0))
-
-
-def _without(given: Candidate, shortest: float) -> Candidate:
-    """Return a candidate without the arcs that are no longer than the shortest."""
-    keep = [k for k, (a, b) in enumerate(pairwise(given.edges)) if b - a > shortest]
-    edges = [given.edges[k] for k in keep]
-    return Candidate(tuple(given.arcs[k] for k in keep), (*edges, given.edges[-1]), given.source)
-
-
-def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Candidate]:
-    """Yield the words that may mend a judged solution, the most promising first."""
-    edges = (solution.initial_time, *solution.junctions.tolist(), solution.final_time)
-    now = Candidate(tried.arcs, edges, solution)
-    shortest = _SHORT * (edges[-1] - edges[0])
-    gone = [k for k, (a, b) in enumerate(pairwise(edges)) if b - a <= shortest]
-    yield from (_dropped(now, problem, label) for label in _slack(solution))
-    if gone:
-        yield merged(_without(now, shortest))
-        yield from (_swapped(now, k) for k in gone if 0 < k < len(now.arcs) - 1)
-    yield from _outside(problem, now)
-    yield from _violated(problem, now)
-    if solution.verdict is None:
-        return
-    for finding in sorted(solution.verdict.findings, key=lambda f: -f.residual):
-        if finding.wants and finding.t is not None and not finding.holds:
-            control = problem.control_names.index(finding.where.split(",")[0])
-            yield insert(now, control, finding.wants, finding.t)
-            yield insert(now, control, "s", finding.t)
-
-
-def _slack(solution: Solution) -> Iterator[str]:
-    """Yield the bang stretches whose switching function never takes the right sign clearly."""
-    if solution.verdict is not None:
-        level = min(solution.verdict.residual, EXTREMAL)
-        yield from (label for label, margin in solution.verdict.margins.items() if margin <= level)
-
-
-def _dropped(given: Candidate, problem: Problem, label: str) -> Candidate:
-    """Return a candidate whose control goes on with its neighbouring mode on a stretch, such as `r, stretch 2 (-)`."""
-    name, number = label.split(",")[0], int(label.split("stretch ")[1].split(" ")[0]) - 1
-    i, row = problem.control_names.index(name), list(given.source.structure[name])
-    if len(row) == 1:
-        return given
-    neighbour = row[number - 1][0] if number else row[1][0]
-    _, a, b = row[number]
-    arcs = []
-    for arc, (start, end) in zip(given.arcs, pairwise(given.edges), strict=True):
-        inside = a <= (start + end) / 2.0 <= b
-        arcs.append((*arc[:i], Mode.parse(neighbour), *arc[i + 1 :]) if inside else arc)
-    return merged(Candidate(tuple(arcs), given.edges, given.source))
-
-
-def _swapped(given: Candidate, k: int) -> Candidate:
-    """Return a candidate in which two controls switch in the other order around an arc without length."""
-    before, after = given.arcs[k - 1], given.arcs[k + 1]
-    other = tuple(b if here == a else a for a, here, b in zip(before, given.arcs[k], after, strict=True))
-    return merged(Candidate((*given.arcs[:k], other, *given.arcs[k + 1 :]), given.edges, given.source))
-
-
-def _outside(problem: Problem, now: Candidate) -> Iterator[Candidate]:
-    """Yield what puts a bound where a law leaves the box."""
-    for arc in now.source.arcs:
-        for i, (low, high) in enumerate(problem.box.T):
-            excess = np.maximum(low - arc.u[i], arc.u[i] - high)
-            k = int(np.argmax(excess))
-            if excess[k] > 1e-6 * (high - low):
-                yield insert(now, i, "+" if arc.u[i, k] > high else "-", float(arc.t[k]))
-
-
-def _violated(problem: Problem, now: Candidate) -> Iterator[Candidate]:
-    """Yield what follows a state constraint where it is violated."""
-    found = now.source.verified[0] if now.source.verified else None
-    if found is None or found.path <= 1e-7:  # beyond the solver's own tolerance
-        return
-    constraint = next(c for c in problem.constraints if c.name == found.path_at)
-    t = np.linspace(now.edges[0], now.edges[-1], 2001)
-    worst = float(t[np.argmax(constraint_values(problem, now.source, constraint, t, now.source.at(t)))])
-    for i in range(len(problem.control_names)):
-        if constraint in laws.acting(problem, i):
-            yield insert(now, i, f"b[{constraint.name}]", worst)
-
-
-def starts(problem: Problem, first: Candidate) -> Iterator[Candidate]:
-    """Yield words with bang arcs where a control begins or ends on a singular arc: a given end is seldom on its surface."""
-    ends = ((0, first.edges[0]), (-1, first.edges[-1]))
-    places = [(k, t, i) for k, t in ends for i in range(len(problem.control_names)) if first.arcs[k][i].kind == "singular"]
-    signs = ["+-" if _pulls(first.source, i, t) > 0 else "-+" for _, t, i in places]
-    for choice in product((0, 1), repeat=len(places)):
-        new = first
-        for (_, t, i), pair, k in zip(places, signs, choice, strict=True):
-            new = insert(new, i, pair[k], t)
-        yield new
-    yield from (insert(first, i, sign, t) for (_, t, i), pair in zip(places, signs, strict=True) for sign in pair)
-
-
-def _pulls(solution: Solution, i: int, t: float) -> float:
-    """Return how far a control at an end of the horizon is from what it is along the way."""
-    nearest = solution.at(np.array([t]), "u")[i, 0]
-    return float(nearest - np.median(solution.rows("u")[i]))
-
-
-# -- the search
-
-
-def refine(problem: Problem, direct: Solution, watch: Watch = silent, solves: int = _SOLVES) -> tuple[Solution | None, int]:
-    """Search for a certified word from a direct solution; returns (the best judged solution or None, words tried).
-
-    Best first: what mends the solution with the least residual is tried next. The search ends with the first certified
-    word, or when nothing is left to try.
+    Best first: what mends the solution with the least residual is tried next. It ends with the first certified word, or
+    when nothing is left to try.
     """
     first = read(problem, direct)
-    queue: list[tuple[float, Candidate]] = [(0.0, first), *((1e3, each) for each in starts(problem, first))]
-    seen: set[str] = set()
-    best: Solution | None = None
-    count = 0
-    while queue and count < solves:
+    queue: list[tuple[float, Candidate]] = [(0.0, first), *((1e3, each) for each in starts(first))]
+    seen: set[str] = set()  # what failed from another start may succeed from this one
+    last = search.count + solves
+    while queue and search.count < last and not search.over:
         _, now = queue.pop(min(range(len(queue)), key=lambda k: queue[k][0]))
-        if now.key in seen:
+        if now.key in seen | search.solved:
             continue
         seen.add(now.key)
-        count += 1
-        solution = _tried(problem, now, watch)
-        if solution is None:
+        search.count += 1
+        solution = _tried(problem, now, search.backend, watch)
+        if solution is None or not solution.stop.ok:
+            if solution is not None and solution.stop is Stop.INTERRUPTED:
+                search.best = solution if search.best is None else replace(search.best, stop=Stop.INTERRUPTED)
             continue
-        if solution.stop is Stop.INTERRUPTED or solution.extremal:
-            return solution, count
-        if solution.stop.ok and _rank(solution) < _rank(best):
-            best = solution
-        if solution.stop.ok:
-            rank = solution.verdict.residual if solution.verdict else 1.0
-            queue += [(rank + 1e-3 * k, each) for k, each in enumerate(mends(problem, now, solution))]
-    return best, count
+        search.solved.add(now.key)
+        if solution.extremal or _rank(solution) < _rank(search.best):
+            search.best = solution
+        rank = solution.verdict.residual if solution.verdict else 1.0
+        queue += [(rank + 1e-3 * k, each) for k, each in enumerate(mends(problem, now, solution))]
+    return search.best
 
 
-def _tried(problem: Problem, now: Candidate, watch: Watch) -> Solution | None:
+def _tried(problem: Problem, now: Candidate, backend: Ration, watch: Watch) -> Solution | None:
     """Solve along a candidate's word, with its laws boxed where they would leave the box; None where that fails."""
     word = Word(problem.control_names, now.arcs)
     try:
-        solution = Follower(backend=_BACKEND)(problem, word, now.guess(), watch)
+        solution = Follower(backend=backend)(problem, word, now.guess(), watch)
         if solution.stop.ok and not sound(problem, solution):
-            boxed = Follower(boxed=True, backend=_BACKEND)(problem, word, now.guess(), watch)
+            boxed = Follower(boxed=True, backend=backend)(problem, word, now.guess(), watch)
             solution = boxed if boxed.stop.ok else solution
-    except MethodError:
+    except (MethodError, SolveError):
         return None
-    return judge(problem, solution) if solution.stop.ok else solution
+    return _sharpened(problem, word, judge(problem, solution), backend, watch) if solution.stop.ok else solution
+
+
+def _sharpened(problem: Problem, word: Word, solution: Solution, backend: Ration, watch: Watch) -> Solution:
+    """Solve once more with the objective scaled up where costates are small: Ipopt's tolerance on them is absolute."""
+    weight = float(np.nanmax(np.abs(solution.rows("costate")) * scales(problem, solution)[:, None], initial=0.0))
+    if solution.extremal or not 0.0 < weight < _FAINT:
+        return solution
+    larger = {"obj_scaling_factor": min(_CLEAR / weight, _LARGEST)}
+    scaled = Ration(backend.left, Ipopt({**backend.backend.options, **larger}))
+    sharper = Follower(backend=scaled)(problem, word, solution, watch).after(solution)
+    backend.left = scaled.left
+    return judge(problem, sharper) if sharper.stop.ok else solution
 
 
 def _rank(solution: Solution | None) -> tuple[bool, float]:
@@ -286,3 +137,61 @@ def _rank(solution: Solution | None) -> tuple[bool, float]:
     if solution is None or solution.verdict is None:
         return (True, float("inf"))
     return (not solution.verdict.miss <= 1e-6, solution.objective)
+
+
+# -- what is left to say
+
+
+def concluded(problem: Problem, search: Search, directs: list[Solution]) -> Solution:
+    """Return the certified solution, or else the best there is with what is left open in its message.
+
+    Of direct solutions, one at least, the one that misses least is taken where no word could be solved at all; one that
+    happens to be an extremal, its switches on the grid, goes before any word that is none.
+    """
+    if search.best is not None and (search.best.extremal or not search.best.stop.ok):
+        return search.best
+    judged = [judge(problem, each) for each in directs[:2] if each.stop.ok]  # those from the best start
+    certain = next((each for each in judged if each.extremal), None)
+    if certain is not None:
+        return certain
+    best = search.best or min(judged, key=_missed, default=None)
+    return directs[0] if best is None else replace(best, message=f"{best.message}; {explained(problem, search)}")
+
+
+def _missed(solution: Solution) -> float:
+    return solution.verdict.miss if solution.verdict else float("inf")
+
+
+def explained(problem: Problem, search: Search) -> str:
+    """Say in a sentence or two what a search without a certified word has left open."""
+    tried = f"no word of the {search.count} tried is certified" + (
+        ", and the work allowed for the search is done" if search.spent else ""
+    )
+    best = search.best
+    if best is None or best.verdict is None:
+        return f"{tried}; this is a direct solution"
+    names = chattering(problem, best)
+    if names:
+        return (
+            f"{', '.join(names)}: chattering; no finite number of switches joins a bang arc to a singular arc of even "
+            f"order inside its box, so the switches pile up where they meet; this word stands for infinitely many"
+        )
+    return f"{tried}; the best one leaves: {best.verdict.reasons[0] if best.verdict.reasons else 'nothing'}"
+
+
+def chattering(problem: Problem, solution: Solution) -> list[str]:
+    """Return the controls that jump onto or off a singular arc of even order, which no finite word allows.
+
+    At a junction the order plus the least derivative of the control that jumps is odd (McDanell and Powers, SIAM
+    Journal on Control 9, 1971): where the control itself jumps, the order has to be odd.
+    """
+    found = []
+    for name, row in solution.structure.items():
+        modes = [mode for mode, _, _ in row]
+        if any({a, b} & {"s"} and {a, b} & {"+", "-"} for a, b in pairwise(modes)):
+            try:
+                order = laws.derive(problem, (name,)).orders[name]
+            except MethodError:
+                continue
+            found += [name] if order % 2 == 0 else []
+    return found

@@ -23,14 +23,17 @@ import pytest
 from test_rooms import ORDER
 
 from socp.arc import Arc
+from socp.chain import run
 from socp.cli import main
 from socp.cli.app import socp
 from socp.cli.describing import option_rows
 from socp.cli.session import Exit
+from socp.guess import default_guess
 from socp.method import Method, options
 from socp.problem import Problem
 from socp.registry import Registry
 from socp.solution import Feasibility, Solution, Stop
+from socp.symbols import final_time
 from socp.verdict import Verdict
 
 ROOT = Path(__file__).parent.parent
@@ -261,3 +264,50 @@ def test_architecture_page_lists_every_module_in_order() -> None:
     modules = {path.relative_to(ROOT / "socp").with_suffix("").parts[0] for path in (ROOT / "socp").rglob("*.py")}
     assert rows == [module for module in ORDER if module in modules]
     assert set(rows) == modules - {"__init__"}
+
+
+GALLERY = ROOT / "docs" / "problems" / "index.md"
+
+
+def own_problems(registry: Registry) -> dict[str, Problem]:
+    return {name: registry.problem(name) for name, each in registry.entries.items() if each.package.startswith("socp ")}
+
+
+def end_time(problem: Problem, registry: Registry) -> float:
+    """Return the final time: fixed, the reference's objective itself, or solved for along the reference's word."""
+    low, high = problem.final_time_box
+    if low == high:
+        return low
+    if str(problem.minimise) == str(final_time):
+        return problem.reference.objective
+    method = registry.method("lgr-multiphase")(word=problem.reference.word)
+    return run(method, problem, default_guess(problem)).final_time
+
+
+def test_gallery_lists_every_problem_with_its_reference(registry: Registry) -> None:
+    shown = {code(row[0]): row[1:] for row in table(GALLERY, "Table")}
+    problems = own_problems(registry)
+    assert set(shown) == set(problems)
+    for name, problem in problems.items():
+        title, word, objective, tf, source = shown[name]
+        reference = problem.reference
+        assert (title, source) == (problem.title, problem.source)
+        assert code(word) == reference.word or (not reference.word and "infinitely" in word)
+        assert objective == f"{reference.objective:.12g}"
+        assert float(tf) == pytest.approx(end_time(problem, registry), rel=1e-11)
+
+
+def test_gallery_shows_what_auto_finds_of_every_problem(registry: Registry) -> None:
+    assert [code(row[0]) for row in table(GALLERY, "What `auto` finds")] == sorted(own_problems(registry))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("row", table(GALLERY, "What `auto` finds"), ids=lambda row: code(row[0]))
+def test_gallery_shows_what_auto_finds(row: list[str], registry: Registry) -> None:
+    name, word, certified, error, _ = row
+    problem = registry.problem(code(name))
+    solution = run(registry.method("auto")(), problem, default_guess(problem))
+    difference = solution.objective - problem.reference.objective
+    assert solution.word == code(word)
+    assert solution.extremal == (certified == "yes")
+    assert abs(difference) < 1e-9 if "below" in error else difference == pytest.approx(float(error), rel=0.1)
