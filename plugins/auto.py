@@ -1,7 +1,8 @@
 """The default: direct solves show the arcs, their word is solved and mended until the judge certifies it."""
 
+import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import ClassVar, final
 
@@ -46,7 +47,21 @@ class Auto(Method):
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
         """Scout from scattered guesses, then refine the best found until a word is certified; else return the best."""
-        search, directs = Search(), list[Solution]()
+        began, search, directs = time.perf_counter(), Search(), list[Solution]()
+        try:
+            found = self._searched(problem, guess, (search, directs), watch)
+        except KeyboardInterrupt:  # between two solves; inside one the backend stops by itself
+            known = search.best or (directs[-1] if directs else None)
+            if known is None:
+                raise
+            found = replace(known, stop=Stop.INTERRUPTED)
+        own = {name: found.seconds.get(name, 0.0) for name in ("build", "solve")}
+        return replace(found, seconds={"search": time.perf_counter() - began - sum(own.values()), **own})
+
+    def _searched(
+        self, problem: Problem, guess: Solution, known: tuple[Search, list[Solution]], watch: Watch
+    ) -> Solution:
+        search, directs = known
         for start in (*self._scouts(problem, guess, watch), guess):
             if start.stop is Stop.INTERRUPTED:
                 return start

@@ -27,7 +27,8 @@ class Rows:
     """Conditions of one kind in units of the Hamiltonian: offset (m,) + matrix (m, nz) z is zero, or at most zero.
 
     `decisive` rows enter the least squares; the others (signs) are looked at afterwards. Rows that are not
-    `pointwise` hold at every node of whole intervals.
+    `pointwise` hold at every node of whole intervals. `slack` is how far from being met is what counts as active, in
+    units of time: the value of the row times it is what that is worth in the objective.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Rows:
     equation: bool = True
     decisive: bool = True
     pointwise: bool = True
+    slack: float = 0.0
 
     def residuals(self, z: np.ndarray) -> np.ndarray:
         """Return the violations (m,) at multipliers z (nz,)."""
@@ -124,7 +126,8 @@ def _end_times(along: Along) -> Iterator[Rows]:
         tight = [edge for edge in box if abs(edge - t[0]) <= ACTIVE * along.horizon]
         outward = -1.0 if tight and tight[0] == box[0] else 1.0
         line, value = outward * (sign * matrix[[node]] + row), outward * (sign * offset[[node]] + slope)
-        yield Rows(title, line, value, t, [""], not tight)
+        slack = abs(tight[0] - t[0]) if tight else 0.0
+        yield Rows(title, line, value, t, [""], not tight, slack=slack)
 
 
 def _constant(along: Along) -> Rows:
@@ -177,6 +180,7 @@ def _transversality(along: Along) -> Iterator[Rows]:
             samples.t[:1],
             [name],
             side == 0.0,
+            slack=_slack(samples.x[i, 0], low, high, side) / along.scale[i] * along.horizon,
         )
 
 
@@ -199,6 +203,7 @@ def _parameters(along: Along) -> Iterator[Rows]:
             samples.t[:1],
             [name],
             side == 0.0,
+            slack=_slack(samples.p[i], low, high, side) / size * along.horizon,
         )
 
 
@@ -208,13 +213,21 @@ def _side(value: float, low: float, high: float, size: float) -> float:
     return 1.0 if value > high - near else -1.0 if value < low + near else 0.0
 
 
+def _slack(value: float, low: float, high: float, side: float) -> float:
+    """Return how far a value is from the end of its interval that it counts as being at."""
+    return abs(value - (high if side > 0 else low)) if side else 0.0
+
+
 def _signs(along: Along) -> Iterator[Rows]:
     """Yield the signs: multipliers of inequalities, of state constraints and of their jumps are not negative."""
     samples, unknowns, ends, nz = along.samples, along.unknowns, along.ends, along.unknowns.size
     for k in np.flatnonzero(ends.signs):
         line = np.zeros((1, nz))
-        line[0, k] = -ends.signs[k] * float(np.abs(ends.psi_final[k]) @ along.scale) / along.horizon
-        yield Rows("sign of an end multiplier", line, np.zeros(1), samples.t[-1:], [ends.names[k]], equation=False)
+        weight = float(np.abs(ends.psi_final[k]) @ along.scale) / along.horizon
+        line[0, k] = -ends.signs[k] * weight
+        slack = abs(float(ends.values[k])) / weight if weight else 0.0
+        where = [ends.names[k]]
+        yield Rows("sign of an end multiplier", line, np.zeros(1), samples.t[-1:], where, equation=False, slack=slack)
     names = [constraint.name for constraint in along.problem.constraints]
     size = [float(np.max(np.abs(samples.values["cx"][:, j]) @ along.scale)) for j in range(len(names))]
     for block, (constraint, interval) in enumerate(unknowns.mu):

@@ -22,6 +22,7 @@ class Ends:
 
     `signs` (k,): 0 for equations, 1 for an inequality whose multiplier must not be negative. Fixed final states and
     active ends of intervals are conditions too, with unit slopes; sign -1 belongs to a lower end.
+    `values` (k,) are those of the conditions, zero where they are met exactly.
     """
 
     slope_final: np.ndarray
@@ -36,6 +37,7 @@ class Ends:
     psi_p: np.ndarray
     signs: np.ndarray
     names: list[str]
+    values: np.ndarray
 
     @staticmethod
     def of(problem: Problem, solution: Solution, samples: Samples) -> "Ends":
@@ -52,24 +54,25 @@ class Ends:
             return [each.full().ravel() for each in function(*values)]
 
         cost = slopes(problem.mayer)
-        found: list[tuple[list[np.ndarray], int, str]] = []
+        found: list[tuple[list[np.ndarray], int, str, float]] = []
         for condition in problem.conditions:
             value = float(casadi.Function("psi", symbols, [condition.expression])(*values))
             slope = slopes(condition.expression)
             size = float(np.abs(slope[0]) @ scale + np.abs(slope[1]) @ scale) or 1.0
             if condition.equation or value > -ACTIVE * size:
-                found.append((slope, 0 if condition.equation else 1, f"target '{condition.name}'"))
+                found.append((slope, 0 if condition.equation else 1, f"target '{condition.name}'", value))
         found += list(_end_values(problem, xf, scale, [each.size for each in cost]))
         stacked = [np.array([row[0][i] for row in found]).reshape(len(found), cost[i].size) for i in range(5)]
         return Ends(
             cost[0], cost[1], float(cost[4][0]), float(cost[3][0]), cost[2], stacked[0], stacked[1], stacked[4][:, 0],
             stacked[3][:, 0], stacked[2], np.array([row[1] for row in found], dtype=int), [row[2] for row in found],
+            np.array([row[3] for row in found]),
         )  # fmt: skip
 
 
 def _end_values(
     problem: Problem, xf: np.ndarray, scale: np.ndarray, sizes: list[int]
-) -> Iterator[tuple[list[np.ndarray], int, str]]:
+) -> Iterator[tuple[list[np.ndarray], int, str, float]]:
     """Yield fixed final states and active ends of final intervals as conditions with unit slopes."""
     low, high = problem.end_box
     for i, name in enumerate(problem.state_names):
@@ -78,7 +81,7 @@ def _end_values(
         if sign is not None:
             slope = [np.zeros(size) for size in sizes]
             slope[0][i] = 1.0
-            yield slope, sign, f"final {name}"
+            yield slope, sign, f"final {name}", float(xf[i] - (low[i] if sign < 0 else high[i]))
 
 
 def unknowns_of(problem: Problem, samples: Samples, ends: Ends) -> Unknowns:

@@ -41,6 +41,19 @@ def strictness(
     return found
 
 
+def signs(problem: Problem, solution: Solution, samples: Samples) -> np.ndarray:
+    """Return, for every bang stretch, weights (stretches, nu, n) that make sigma its mean margin in energy."""
+    found = []
+    width = np.diff(problem.box, axis=0)[0]
+    for i, name in enumerate(problem.control_names):
+        for mode, start, end in solution.structure[name]:
+            inside = (samples.t >= start) & (samples.t <= end)
+            if mode in {"+", "-"} and inside.any() and end > start:
+                found.append(np.zeros((len(width), samples.t.size)))
+                found[-1][i, inside] = (1.0 if mode == "-" else -1.0) * width[i] / inside.sum()
+    return np.array(found).reshape(len(found), len(width), samples.t.size)
+
+
 def ringing(problem: Problem, solution: Solution) -> dict[str, float]:
     """Return every control's total variation over that of its running mean (1, 2, 1) / 4: 1 if it does not ring.
 

@@ -7,125 +7,21 @@ residual, or proves by that residual that there are none within tolerance.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import final
+from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import lstsq
 
 from socp import claims, margins
-from socp.adjoint import POINTS, Samples, condense, sample
+from socp.adjoint import Samples, condense, sample
 from socp.along import Along
-from socp.conditions import SCALE, Rows, conditions
+from socp.conditions import conditions
 from socp.ends import Ends, unknowns_of
+from socp.fitting import Case, multipliers
 from socp.problem import Problem
 from socp.solution import Arc, Solution
-from socp.verdict import EXTREMAL, Finding, Verdict
+from socp.verdict import Finding, Verdict
 
-
-@final
-@dataclass(frozen=True, eq=False)
-class Case:
-    """A solution laid out for judging, with all conditions in the unknown multipliers."""
-
-    along: Along
-    rows: tuple[Rows, ...]
-
-    def magnitude(self, z: np.ndarray) -> float:
-        """Return the Hamiltonian's magnitude: the largest sum of its terms' absolute values along the solution."""
-        v = self.along.samples.values
-        terms = np.abs(v["L"]) + np.abs(self.along.costates.at(z) * v["f"]).sum(axis=0)
-        return max(float(terms.max()), abs(self.along.ends.slope_tf), 1e-300)
-
-    def findings(self, z: np.ndarray) -> tuple[Finding, ...]:
-        """Return the worst residual of every condition at multipliers z."""
-        size = self.magnitude(z)
-        found: dict[str, Finding] = {}
-        for rows in self.rows:
-            if not rows.t.size:
-                continue
-            residuals = rows.residuals(z) / size
-            k = int(np.argmax(residuals))
-            finding = Finding(
-                condition=rows.name, residual=float(residuals[k]), where=rows.where[k], t=float(rows.t[k])
-            )
-            if rows.name not in found or finding.residual > found[rows.name].residual:
-                found[rows.name] = finding
-        return tuple(found.values())
-
-
-def multipliers(case: Case) -> tuple[np.ndarray, float | None]:
-    """Return the multipliers z that satisfy the principle best, and the proved distance where programmes were needed.
-
-    Where none are within tolerance, z has the least sum of residuals: it breaks few conditions, and so tells which.
-    """
-    z = _least_squares(case)
-    if _worst(case, z) <= EXTREMAL:
-        return z, None
-    size = case.magnitude(z)
-    if not z.size:  # free ends: the costate is known, and so is how far it fails
-        return z, _worst(case, z)
-    best, distance = _programme(case, size, z, worst=True)
-    if distance is None or _worst(case, best) <= EXTREMAL:
-        return best, distance
-    return _programme(case, size, z, worst=False)[0], distance
-
-
-def _worst(case: Case, z: np.ndarray) -> float:
-    return max((finding.residual for finding in case.findings(z)), default=0.0)
-
-
-def _least_squares(case: Case) -> np.ndarray:
-    rows = [r for r in case.rows if r.equation and r.decisive]
-    matrix, offset = np.vstack([r.matrix for r in rows]), np.concatenate([r.offset for r in rows])
-    size = np.linalg.norm(matrix, axis=0)
-    size[size == 0] = 1.0
-    # pivoted QR: several times as fast as the singular values, and as good at telling the rank
-    return np.array(lstsq(matrix / size, -offset, cond=1e-12, lapack_driver="gelsy")[0] / size)
-
-
-def _programme(case: Case, size: float, start: np.ndarray, *, worst: bool) -> tuple[np.ndarray, float | None]:
-    """Minimise the worst residual, or the sum of residuals, by a linear programme.
-
-    Returns (z, least value), or (start, None) if the programme fails.
-
-    In the sum the rows that fix the multipliers' scale count for all others together: breaking those alone explains
-    nothing.
-    """
-    import cvxpy
-
-    scale = np.maximum(np.abs(start), 1e-3 * max(float(np.abs(start).max()), 1e-300))
-    kept = [(rows, _thinned(rows)) for rows in case.rows]
-    matrix = np.vstack([rows.matrix[keep] for rows, keep in kept]) * scale / size
-    offset = np.concatenate([rows.offset[keep] for rows, keep in kept]) / size
-    equation = np.concatenate([np.full(keep.size, rows.equation) for rows, keep in kept])
-    z = cvxpy.Variable(start.size)
-    excess = cvxpy.Variable(nonneg=True) if worst else cvxpy.Variable(offset.size, nonneg=True)
-    value = offset + matrix @ z
-    constraints = [value <= excess, -value[equation] <= (excess if worst else excess[equation])]
-    weight = np.concatenate([_weight(rows, keep.size, offset.size) for rows, keep in kept])
-    programme = cvxpy.Problem(cvxpy.Minimize(excess if worst else weight @ excess), constraints)
-    try:
-        programme.solve(solver=cvxpy.HIGHS)
-    except cvxpy.error.SolverError:
-        return start, None
-    if z.value is None:
-        return start, None
-    return np.asarray(z.value) * scale, float(programme.value)
-
-
-def _weight(rows: Rows, kept: int, every: int) -> np.ndarray:
-    """Return the weights of rows in a sum: a condition at a point counts 1, one along an interval 1 over its nodes."""
-    if rows.name.startswith(SCALE):
-        return np.full(kept, float(every))
-    return np.full(kept, 1.0 if rows.pointwise else (1.0 if rows.equation else 3.0) / (POINTS + 1))
-
-
-def _thinned(rows: Rows) -> np.ndarray:
-    """Return the rows of a programme: all equations, signs at the first, middle and last node of every interval."""
-    n = rows.t.size
-    thin = not rows.equation and n > 10 * (POINTS + 1)
-    return np.flatnonzero(np.isin(np.arange(n) % (POINTS + 1), (0, POINTS // 2, POINTS))) if thin else np.arange(n)
+__all__ = ["Case", "case", "certify", "multipliers"]
 
 
 def case(problem: Problem, solution: Solution) -> Case:
@@ -157,7 +53,7 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
         (
             *laid.findings(z),
             *claims.claims(along, density, size),
-            *_complementary(along, slack, z, size),
+            *_complementary(laid, slack, z, size),
             *_without_length(solution),
         )
     )
@@ -165,12 +61,13 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
     # where all holds, the gain would measure the judge
     gain = slack.sum(axis=0) + (0.0 if certain else _gain(problem, samples, switching))
     error = margins.objective_error(problem, solution, samples, costate, gain)
+    error += sum(float(np.abs(rows.offset + rows.matrix @ z).max()) * rows.slack for rows in laid.rows if rows.slack)
     clebsch, unknown = margins.legendre_clebsch(problem, solution, samples, costate)
     verdict = Verdict(
         miss=max((f.worst for f in solution.verified), default=float("inf")),
         findings=findings,
         distance=distance,
-        normality=max(float(np.abs(samples.values["L"]).max()), abs(along.ends.slope_tf)) / size,
+        normality=min(laid.cost / size, 1.0),
         legendre_clebsch=clebsch,
         notes=tuple(unknown),
         margins=margins.strictness(problem, solution, samples, switching, size),
@@ -191,9 +88,14 @@ def _worst_of(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
     return tuple(worst.values())
 
 
-def _complementary(along: Along, slack: np.ndarray, z: np.ndarray, size: float) -> Iterator[Finding]:
+def _complementary(laid: Case, slack: np.ndarray, z: np.ndarray, size: float) -> Iterator[Finding]:
     """Yield multipliers of what is not quite active: slack (nc, n) is density times distance, jumps count likewise."""
-    samples, title = along.samples, "multipliers only where a constraint is met"
+    along, title = laid.along, "multipliers only where a constraint is met"
+    samples = along.samples
+    for rows in laid.rows:
+        if rows.slack:
+            worth = float(np.abs(rows.offset + rows.matrix @ z).max()) * rows.slack / along.horizon / size
+            yield Finding(condition=title, residual=worth, where=rows.where[0], t=float(rows.t[0]))
     for j, constraint in enumerate(along.problem.constraints):
         k = int(np.argmax(slack[j]))
         yield Finding(
