@@ -187,6 +187,16 @@ def test_constraint_active_at_the_final_time(given: dict[str, object]) -> None:
     certified(solution, -2.5, [1.0])
 
 
+def test_a_constraint_left_at_a_distance_has_no_right_to_a_multiplier() -> None:
+    """An arc at 1 - 1e-5 under the roof 1 is as good as active by its distance, and costs 2e-5 all the same."""
+    problem, _ = under_a_roof()
+    top = 1 - 1e-5
+    area = top**2 / 2 + top * (3 - top)
+    low = exact(problem, [0, top, 3], ["+", "b[x.upper]"], lambda t: [np.minimum(t, top)], [[1.0], [0.0]], -area)
+    assert low.verdict is not None
+    assert "multipliers only where a constraint is met on x.upper" in low.verdict.reasons[0]
+
+
 def test_two_constraints_met_at_one_time() -> None:
     y, z = states("y z")
     a, b = controls("a b")
