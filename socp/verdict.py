@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import final
 
-# a miss of one per cent of the states' own magnitude: what a grid of some hundred steps reaches
+# a miss of one per cent of the states' own magnitude: what a second-order grid of some hundred steps reaches
 FEASIBLE = 1e-2
 # residuals of the principle, relative to the Hamiltonian's own terms: six digits, which no grid reaches by luck
 EXTREMAL = 1e-6
