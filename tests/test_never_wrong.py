@@ -11,6 +11,7 @@ from socp_plugins.lgr_multiphase import LgrMultiphase
 
 from socp import Ipopt, Problem, Solution, Word, default_guess, follow, judge, run, solve_collocated, uniform
 from socp.guess import split
+from socp.pmp import case
 from socp.schemes import lgr
 from socp.solution import Stop
 
@@ -164,8 +165,8 @@ def test_reasons_name_what_is_wrong() -> None:
     assert wrong.reasons[0].startswith("control keeps the mode of its arc on u, arc 2 (-)")
 
 
-def test_ten_thousand_steps_are_judged_in_time() -> None:
-    """A ringing direct solution of many steps is refused, with the ringing named, in less than three seconds."""
+def test_ten_thousand_steps_are_judged_at_few_nodes() -> None:
+    """A ringing direct solution of many steps is refused, the ringing named, at nodes that do not grow with them."""
     problem, _, solution = right("jacobson_1")
     t = np.linspace(solution.initial_time, solution.final_time, 10_001)
     first = solution.arcs[0]
@@ -178,4 +179,4 @@ def test_ten_thousand_steps_are_judged_in_time() -> None:
     refused(judged, "ringing")
     assert judged.verdict is not None
     assert judged.verdict.rings == ("u",)
-    assert judged.seconds["judge"] - solution.seconds["judge"] < 3.0
+    assert case(problem, judged).along.samples.t.size < 2000
