@@ -56,7 +56,8 @@ class Auto(Method):
                 raise
             found = replace(known, stop=Stop.INTERRUPTED)
         own = {name: found.seconds.get(name, 0.0) for name in ("build", "solve")}
-        return replace(found, seconds={"search": time.perf_counter() - began - sum(own.values()), **own})
+        seconds = {"search": time.perf_counter() - began - sum(own.values()), **own}
+        return replace(found, seconds=seconds, nodes=tuple(search.nodes))
 
     def _searched(
         self, problem: Problem, guess: Solution, known: tuple[Search, list[Solution]], watch: Watch

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from socp.collocate import Mesh, collocate
 from socp.errors import MethodError
-from socp.nlp import Backend, Watch, silent
+from socp.nlp import NLP, Backend, NLPPoint, Progress, Reduced, Watch, silent
 from socp.phases import PhasedProblem
 from socp.problem import Problem
 from socp.solution import Solution, Stop
@@ -85,9 +85,21 @@ def _attempt(
     reduced = collocate(phased, meshes)
     start = reduced.push(guess)
     transcribed = time.perf_counter() - began
-    point = backend(reduced.problem, start, watch)
+    point = backend(reduced.problem, start, lifted(watch, reduced))
     solution = reduced.lift(point)
     return replace(solution, seconds={**point.seconds, "build": point.seconds.get("build", 0.0) + transcribed})
+
+
+def lifted(watch: Watch, reduced: Reduced[NLP, Solution, NLPPoint]) -> Watch:
+    """Return a watch whose progress can be lifted to the solution that it stands for; a silent one stays silent."""
+    if watch is silent:
+        return silent
+
+    def see(now: Progress, /) -> bool:
+        v = now.v
+        return watch(now if v is None else replace(now, iterate=lambda: reduced.lift(NLPPoint(v=v))))
+
+    return see
 
 
 def required(each: Field[Any]) -> bool:

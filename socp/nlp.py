@@ -6,7 +6,7 @@ from typing import Generic, Protocol, TypeVar, final
 
 import numpy as np
 
-from socp.solution import Stop
+from socp.solution import Solution, Stop
 from socp.symbols import Expr
 
 Q = TypeVar("Q")
@@ -49,12 +49,22 @@ class NLPPoint:
 @final
 @dataclass(frozen=True)
 class Progress:
-    """What a solver tells while it runs: where it is, in numbers."""
+    """What a solver or a search tells while it runs.
+
+    stage: what is being done; word, best, violation: of a search, the word it is at, its best objective so far and how
+    far that one is from an extremal (nan where unknown). v (n,): the point of a programme; `iterate` lifts it to a
+    solution, and costs something: call it only for what is shown.
+    """
 
     stage: str
     iteration: int
     objective: float
     infeasibility: float
+    word: str = ""
+    best: float = float("nan")
+    violation: float = float("nan")
+    v: np.ndarray | None = field(default=None, compare=False, repr=False)
+    iterate: Callable[[], Solution] | None = field(default=None, compare=False, repr=False)
 
 
 class Watch(Protocol):

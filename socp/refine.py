@@ -15,7 +15,7 @@ from socp.mending import Candidate, mends, read, starts
 from socp.nlp import NLP, NLPPoint, Watch, silent
 from socp.problem import Problem
 from socp.simulate import scales
-from socp.solution import Solution, Stop
+from socp.solution import Node, Solution, Stop
 from socp.word import Word
 
 _SOLVES = 40  # words tried before the search from one direct solution gives up
@@ -63,6 +63,25 @@ class Search:
     count: int = 0
     best: Solution | None = None
     backend: Ration = field(default_factory=Ration)
+    nodes: list[Node] = field(default_factory=list)
+
+    def watched(self, watch: Watch, word: str) -> Watch:
+        """Return a watch that is told of the word being tried and of the best solution so far as well."""
+        if watch is silent:
+            return silent
+        best = self.best.objective if self.best else float("nan")
+        verdict = self.best.verdict if self.best else None
+        violation = verdict.residual if verdict else float("nan")
+        return lambda now: watch(replace(now, stage="word", word=word, best=best, violation=violation))
+
+    def note(self, word: str, solution: Solution | None) -> None:
+        """Keep what became of a word."""
+        if solution is None:
+            self.nodes.append(Node(word=word, stop="FAILED"))
+            return
+        verdict = solution.verdict
+        judged = {} if verdict is None else {"miss": verdict.miss, "residual": verdict.residual}
+        self.nodes.append(Node(word=word, stop=solution.stop.name, objective=solution.objective, **judged))
 
     @property
     def over(self) -> bool:
@@ -94,7 +113,9 @@ def refine(
             continue
         seen.add(now.key)
         search.count += 1
-        solution = _tried(problem, now, search.backend, watch)
+        word = str(Word(problem.control_names, now.arcs))
+        solution = _tried(problem, now, search.backend, search.watched(watch, word))
+        search.note(word, solution)
         if solution is None or not solution.stop.ok:
             if solution is not None and solution.stop is Stop.INTERRUPTED:
                 search.best = solution if search.best is None else replace(search.best, stop=Stop.INTERRUPTED)

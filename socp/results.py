@@ -27,7 +27,9 @@ def to_json(solution: Any) -> str:
     return json.dumps(_plain(document), allow_nan=False, indent=1)
 
 
-def read(text: str, solution: Callable[..., T], stops: Any, feasibility: Callable[..., Any]) -> T:
+def read(
+    text: str, solution: Callable[..., T], stops: Any, feasibility: Callable[..., Any], node: Callable[..., Any]
+) -> T:
     """Return the solution that `to_json` wrote; SolveError says what is wrong with anything else."""
     try:
         document = json.loads(text)
@@ -36,6 +38,7 @@ def read(text: str, solution: Callable[..., T], stops: Any, feasibility: Callabl
             raise SolveError(f"result has schema {schema}; this socp reads schema {SCHEMA}")
         for derived in _DERIVED:
             document.pop(derived)
+        document["nodes"] = tuple(node(**_numbers(each)) for each in document["nodes"])
         return solution(**{**document, **_fields(document, stops, feasibility)})
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise SolveError(f"not a socp result: {type(error).__name__}: {error}") from error
@@ -55,6 +58,7 @@ def _fields(document: Mapping[str, Any], stops: Any, feasibility: Callable[..., 
         "parameters": {name: _float(value) for name, value in document["parameters"].items()},
         "seconds": {name: _float(value) for name, value in document["seconds"].items()},
         "trace": {name: tuple(map(_float, values)) for name, values in document["trace"].items()},
+        "meshes": tuple(tuple(map(_float, mesh)) for mesh in document["meshes"]),
         "structure": {name: tuple((m, a, b) for m, a, b in row) for name, row in document["structure"].items()},
         "verified": tuple(feasibility(**_feasibility(each)) for each in document["verified"]),
         "verdict": None if document["verdict"] is None else _verdict(document["verdict"]),
@@ -100,6 +104,10 @@ def _plain(value: Any) -> Any:
 
 def _float(value: Any) -> float:
     return float("nan") if value is None else float(value)
+
+
+def _numbers(data: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: v if isinstance(v, str) and k in {"word", "stop"} else _float(v) for k, v in data.items()}
 
 
 def _feasibility(data: Mapping[str, Any]) -> dict[str, Any]:

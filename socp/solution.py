@@ -15,7 +15,7 @@ from socp.errors import SolveError
 from socp.results import SCHEMA, write_atomic
 from socp.verdict import Verdict
 
-__all__ = ["SCHEMA", "Arc", "Feasibility", "Solution", "Stop", "Which", "lagrange", "write_atomic"]
+__all__ = ["SCHEMA", "Arc", "Feasibility", "Node", "Solution", "Stop", "Which", "lagrange", "write_atomic"]
 
 
 class Stop(Enum):
@@ -65,13 +65,31 @@ class Feasibility:
 
 
 @final
+@dataclass(frozen=True, kw_only=True)
+class Node:
+    """One node of a search over words: what was tried and what came of it; nan where it is not known.
+
+    `bound` is a proved lower bound of the objective, `miss` and `residual` those of the node's verdict.
+    """
+
+    word: str
+    stop: str
+    objective: float = float("nan")
+    bound: float = float("nan")
+    miss: float = float("nan")
+    residual: float = float("nan")
+
+
+@final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Solution:
     """What a method returns: a point with its history, no claim.
 
     `objective` is the method's own value; `parameters` by name; `trace` maps a quantity to its value per iteration;
     `seconds` is split into build and solve. `structure` gives every control's stretches (mode, start, end). `verified`
-    holds the feasibility by time and, where the word has laws, by feedback; `verdict` is the judge's.
+    holds the feasibility by time and, where the word has laws, by feedback; `verdict` is the judge's. `nodes`: what a
+    search over words tried, in order; `meshes`: the ends of all intervals (k,), in time, of every mesh solved on
+    before this one.
     """
 
     problem: str
@@ -91,6 +109,8 @@ class Solution:
     structure: Mapping[str, tuple[tuple[str, float, float], ...]] = field(default_factory=dict)
     verified: tuple[Feasibility, ...] = ()
     verdict: Verdict | None = None
+    nodes: tuple[Node, ...] = ()
+    meshes: tuple[tuple[float, ...], ...] = ()
 
     @property
     def extremal(self) -> bool | None:
@@ -149,11 +169,20 @@ class Solution:
         return np.hstack([getattr(arc, which) for arc in self.arcs])
 
     def after(self, earlier: "Solution") -> "Solution":
-        """Return this solution with the seconds, iterations and trace of an earlier one, which it continues, added."""
+        """Return this solution with what an earlier one, which it continues, cost and tried before it added."""
         keys = {**earlier.seconds, **self.seconds}
         seconds = {key: self.seconds.get(key, 0.0) + earlier.seconds.get(key, 0.0) for key in keys}
         trace = {key: (*earlier.trace.get(key, ()), *values) for key, values in self.trace.items()}
-        return replace(self, seconds=seconds, trace=trace, iterations=self.iterations + earlier.iterations)
+        return replace(
+            self, seconds=seconds, trace=trace, iterations=self.iterations + earlier.iterations,
+            nodes=(*earlier.nodes, *self.nodes), meshes=(*earlier.meshes, earlier.corners, *self.meshes),
+        )  # fmt: skip
+
+    @property
+    def corners(self) -> tuple[float, ...]:
+        """Ends of all intervals of the mesh, in time."""
+        inner = [t for arc in self.arcs for t in arc.t[arc.mesh[:-1]].tolist()]
+        return (*inner, self.final_time)
 
     def total_variation(self) -> np.ndarray:
         """Return the total variation of every control (nu,), jumps between intervals and arcs included."""
@@ -168,7 +197,7 @@ class Solution:
     @classmethod
     def from_json(cls, text: str) -> Self:
         """Read what `to_json` wrote; SolveError says what is wrong with anything else."""
-        return results.read(text, cls, Stop, Feasibility)
+        return results.read(text, cls, Stop, Feasibility, Node)
 
     def save(self, path: str | Path) -> None:
         """Write the result file atomically: a reader sees the old file or the new one, never a part.

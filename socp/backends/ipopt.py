@@ -145,16 +145,16 @@ class _Observer(casadi.Callback):  # type: ignore[misc]
         try:
             if self.watch is not silent and self.error is None:
                 g = np.frombuffer(given[2]) if self.sizes["g"] else np.zeros(0)
-                self._show(float(np.frombuffer(given[1])[0]), g)
+                self._show(np.frombuffer(given[0]).copy(), float(np.frombuffer(given[1])[0]), g)
             self.count += 1
         except BaseException as error:  # noqa: BLE001 - anything raised here would vanish inside Ipopt
             self.error, self.stop = error, True
         np.frombuffer(asked[0])[0] = float(self.stop)
         return 0
 
-    def _show(self, objective: float, g: np.ndarray) -> None:
+    def _show(self, v: np.ndarray, objective: float, g: np.ndarray) -> None:
         violation = float(np.max(np.maximum(self.low - g, g - self.high), initial=0.0))
-        if self.watch(Progress("ipopt", self.count, objective, violation)):
+        if self.watch(Progress("ipopt", self.count, objective, violation, v=v)):
             self.stop = True  # never assigned from the answer: Ctrl-C may have set it meanwhile
 
 
