@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 ORDER = """errors symbols word schemes tables arc verdict results solution affinity ranges checks problem points
-    brackets factors extremal singular eliminate contacts principle laws simplify given lawbook phases nlp lifting
+    brackets factors extremal singular eliminate contacts principle laws simplify given lawbook modes phases nlp lifting
     collocate backends structure simulate meshing guess sampling adjoint ends along conditions claims margins fitting
     method following pmp chain mending refine standard testing hookspecs entries registry cli""".split()  # noqa: SIM905
 FILES = [path for room in ("socp", "plugins", "problems") for path in sorted((ROOT / room).rglob("*.py"))]
