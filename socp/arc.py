@@ -1,6 +1,6 @@
 """Arcs: values at nodes in time, and the polynomials through them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, final
 
@@ -52,17 +52,33 @@ class Arc:
         return out
 
 
+def joined(arcs: Sequence[Arc]) -> Arc:
+    """Return neighbouring arcs of the same modes as one, with the intervals of all; a shared node is the later arc's.
+
+    So their controls and costates are those of the later arc there, as at any node between two intervals.
+    """
+    first = np.cumsum([0, *(arc.t.size - 1 for arc in arcs[:-1])])
+
+    def row(values: Sequence[np.ndarray]) -> np.ndarray:
+        return np.concatenate([*(each[..., :-1] for each in values[:-1]), values[-1]], axis=-1)
+
+    mesh = np.unique(np.concatenate([arc.mesh + start for arc, start in zip(arcs, first, strict=True)]))
+    names = arcs[0].multipliers if all(arc.multipliers.keys() == arcs[0].multipliers.keys() for arc in arcs) else ()
+    return Arc(
+        t=row([arc.t for arc in arcs]), x=row([arc.x for arc in arcs]), u=row([arc.u for arc in arcs]), mesh=mesh,
+        costate=row([arc.costate for arc in arcs]), side=arcs[0].side, modes=arcs[0].modes,
+        multipliers={name: row([arc.multipliers[name] for arc in arcs]) for name in names},
+    )  # fmt: skip
+
+
 def lagrange(nodes: np.ndarray, values: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Evaluate the polynomial through (nodes (p,), values (r, p)) at t (k,), barycentrically; returns (r, k)."""
     span = float(np.ptp(nodes))
     if nodes.size == 1 or span == 0.0:
         return np.repeat(values[:, :1], t.size, axis=1)
-    if np.diff(nodes).min() <= 1e-15 * np.abs(nodes).max():  # an interval so short that its nodes coincide by rounding
+    weights = barycentric(nodes)
+    if weights is None:
         return np.array([np.interp(t, nodes, row) for row in values])
-    # an interval of length 4 has capacity 1: products stay near 1
-    gaps = 4.0 * (nodes[:, None] - nodes[None, :]) / span
-    np.fill_diagonal(gaps, 1.0)
-    weights = 1.0 / gaps.prod(axis=1)
     distance = t[:, None] - nodes[None, :]
     hit = np.abs(distance) <= 1e-15 * span  # as near as this the quotient overflows, and the value is the node's
     distance[hit] = 1.0
@@ -73,3 +89,14 @@ def lagrange(nodes: np.ndarray, values: np.ndarray, t: np.ndarray) -> np.ndarray
     where, node = np.nonzero(hit)
     result[:, where] = values[:, node]
     return result
+
+
+def barycentric(nodes: np.ndarray) -> np.ndarray | None:
+    """Return the barycentric weights of nodes (p,), None where an interval is so short that rounding merges them."""
+    if nodes.size < 2 or np.diff(nodes).min() <= 1e-15 * np.abs(nodes).max():
+        return None
+    # an interval of length 4 has capacity 1: products stay near 1
+    gaps = 4.0 * (nodes[:, None] - nodes[None, :]) / np.ptp(nodes)
+    np.fill_diagonal(gaps, 1.0)
+    weights: np.ndarray = 1.0 / gaps.prod(axis=1)
+    return weights

@@ -1,15 +1,16 @@
 """Solve along a given word: laws on every arc, free lengths, meshes refined until the states have converged."""
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass, field, replace
 from typing import final
 
 from socp.backends import Ipopt
-from socp.collocate import Mesh, uniform
-from socp.meshing import refined
+from socp.collocate import uniform
+from socp.kinks import jointed, whole
+from socp.meshing import refined, tails
 from socp.method import solve_collocated
 from socp.nlp import Backend, Watch, silent
-from socp.phases import follow
+from socp.phases import PhasedProblem, follow
 from socp.problem import Problem
 from socp.schemes import lgr
 from socp.simulate import scales, verify
@@ -17,6 +18,8 @@ from socp.solution import Solution
 from socp.word import Word
 
 _MISSED = 1e-9  # of the re-integrated control: collocation of smooth motion at the default tolerance stays below
+_WHOLE = 4  # intervals that a whole horizon starts with: few motions are smooth enough for less
+_NEAR = 10.0  # times the tolerance: an estimate as near as this is put to the test
 _PASSES = 8  # meshes tried; each multiplies the intervals of an arc by up to four
 
 
@@ -27,13 +30,15 @@ class Follower:
 
     points: collocation points an interval; intervals: fixed number of intervals an arc, 0 for as many as needed;
     tolerance: size of the states' last Legendre coefficients, relative, that ends refinement; boxed: impose the box of
-    the controls on the values of the laws, which a right word keeps by itself.
+    the controls on the values of the laws, which a right word keeps by itself; longer: meet the ends with longer
+    horizons first where the guess leads nowhere.
     """
 
     points: int = 10
     intervals: int = 0
     tolerance: float = 1e-7
     boxed: bool = False
+    longer: bool = True
     backend: Backend = field(default_factory=lambda: Ipopt({"tol": 1e-11}))
 
     def __call__(self, problem: Problem, word: Word, guess: Solution, watch: Watch = silent) -> Solution:
@@ -41,20 +46,42 @@ class Follower:
         phased = follow(problem, word)
         if self.boxed:
             phased = replace(phased, phases=tuple(replace(phase, boxed=True) for phase in phased.phases))
-        meshes: Sequence[Mesh] = [uniform(lgr(self.points), self.intervals or 1)] * len(phased.phases)
-        solution = solve_collocated(phased, meshes, self.backend, guess, watch)
-        tolerance = self.tolerance
-        for _ in range(0 if self.intervals else _PASSES):
-            if not sound(problem, solution):
-                break
-            finer = refined(solution.arcs, scales(problem, solution), self.points, tolerance)
+        meshes = [uniform(lgr(self.points), self.intervals or count) for count in _counts(guess, len(phased.phases))]
+        solution = solve_collocated(phased, meshes, self.backend, guess, watch, longer=self.longer)
+        if self.intervals or not sound(problem, solution):
+            return solution
+        cut = jointed(phased, solution, self.points)
+        if cut is not None:
+            parts, start, meshes, pieces = cut
+            found = solve_collocated(parts, meshes, self.backend, start, watch)
+            if sound(problem, found):
+                return whole(self._refined(parts, found.after(solution), watch), pieces)
+        return self._refined(phased, solution, watch)
+
+    def _refined(self, phased: PhasedProblem, solution: Solution, watch: Watch) -> Solution:
+        """Solve on finer meshes until the states have converged, or the solver is not content any more."""
+        problem, tolerance = phased.of, self.tolerance
+        for _ in range(_PASSES):
+            scale = scales(problem, solution)
+            near = max(float(tails(arc, scale).max()) for arc in solution.arcs) <= _NEAR * tolerance
+            if near and verify(problem, solution)[0].worst <= _MISSED:
+                break  # another mesh costs more than this look
+            finer = refined(solution.arcs, scale, self.points, tolerance)
             if finer is None:
-                if verify(problem, solution)[0].worst <= _MISSED:
-                    break
                 tolerance /= 100.0  # where the motion is not smooth the end of an interval is no better than its inside
                 continue
             solution = solve_collocated(phased, finer, self.backend, solution, watch).after(solution)
+            if not sound(problem, solution):
+                break
         return solution
+
+
+def _counts(guess: Solution, arcs: int) -> list[int]:
+    """Return how many intervals every arc starts with: one, or its share of those of a whole horizon."""
+    if len(guess.arcs) != arcs:
+        return [1] * arcs
+    lengths = [float(arc.t[-1] - arc.t[0]) for arc in guess.arcs]
+    return [max(1, math.ceil(_WHOLE * length / sum(lengths))) for length in lengths]
 
 
 def sound(problem: Problem, solution: Solution) -> bool:

@@ -7,6 +7,7 @@ from socp.schemes import lgr
 from socp.solution import Arc
 
 _GROWTH = 4  # no more than four times the intervals at once: an estimate from a poor mesh exaggerates
+_BEYOND = 0.01  # of the tolerance, aimed at by what is split: one more mesh costs more than some more intervals
 _CROWD = 64  # intervals in one arc; what is not smooth by then is no arc
 
 
@@ -33,7 +34,9 @@ def refined(arcs: tuple[Arc, ...], scale: np.ndarray, points: int, tolerance: fl
         ends = arc.t[arc.mesh]
         shares = np.full(ends.size - 1, 1.0) if _merged(ends) else np.diff(ends)
         # the error of an interval falls with its length to the power of its degree
-        wanted = np.ceil(np.clip((tails(arc, scale) / tolerance) ** (1.0 / points), 1.0, _GROWTH)).astype(int)
+        tail = tails(arc, scale)
+        parts = np.ceil(np.clip((tail / (_BEYOND * tolerance)) ** (1.0 / points), 1.0, _GROWTH)).astype(int)
+        wanted = np.where(tail > tolerance, parts, 1)
         if shares.size >= _CROWD:
             wanted[:] = 1
         grown |= bool((wanted > 1).any())

@@ -53,16 +53,17 @@ def check_options(method: Method) -> None:
 
 
 def solve_collocated(
-    phased: PhasedProblem, meshes: Sequence[Mesh], backend: Backend, guess: Solution, watch: Watch = silent
-) -> Solution:
+    phased: PhasedProblem, meshes: Sequence[Mesh], backend: Backend, guess: Solution, watch: Watch = silent,
+    *, longer: bool = True,
+) -> Solution:  # fmt: skip
     """Transcribe a phased problem on one mesh a phase, solve it with a backend, and lift the point.
 
-    A solver that shortens a free horizon too eagerly gets caught where no control can meet the ends any more. Then the
-    ends are met with longer horizons held fixed first, and the horizon is set free from there.
+    Unless `longer` is false: a solver that shortens a free horizon too eagerly gets caught where no control can meet
+    the ends any more. Then the ends are met with longer horizons held fixed first, and the horizon is set free there.
     """
     solution = _attempt(phased, meshes, backend, guess, watch)
     low, high = phased.of.final_time_box
-    if solution.stop not in {Stop.INFEASIBLE, Stop.FAILED} or low == high:
+    if not longer or solution.stop not in {Stop.INFEASIBLE, Stop.FAILED} or low == high:
         return solution
     for factor in _LONGER:
         held = guess.initial_time + factor * (guess.final_time - guess.initial_time)

@@ -11,6 +11,7 @@ from socp.backends import Ipopt
 from socp.chain import judge
 from socp.errors import MethodError, SolveError
 from socp.following import Follower, sound
+from socp.hidden import revealed
 from socp.mending import Candidate, mends, read, starts
 from socp.nlp import NLP, NLPPoint, Watch, silent
 from socp.problem import Problem
@@ -104,7 +105,8 @@ def refine(
     when nothing is left to try.
     """
     first = read(problem, direct)
-    queue: list[tuple[float, Candidate]] = [(0.0, first), *((1e3, each) for each in starts(first))]
+    queue: list[tuple[float, Candidate]] = [(0.0, revealed(problem, first)), (0.1, first)]
+    queue += [(1e3, each) for each in starts(first)]
     seen: set[str] = set()  # what failed from another start may succeed from this one
     last = search.count + solves
     while queue and search.count < last and not search.over:
@@ -132,9 +134,9 @@ def _tried(problem: Problem, now: Candidate, backend: Ration, watch: Watch) -> S
     """Solve along a candidate's word, with its laws boxed where they would leave the box; None where that fails."""
     word = Word(problem.control_names, now.arcs)
     try:
-        solution = Follower(backend=backend)(problem, word, now.guess(), watch)
+        solution = Follower(longer=False, backend=backend)(problem, word, now.guess(), watch)
         if solution.stop.ok and not sound(problem, solution):
-            boxed = Follower(boxed=True, backend=backend)(problem, word, now.guess(), watch)
+            boxed = Follower(boxed=True, longer=False, backend=backend)(problem, word, now.guess(), watch)
             solution = boxed if boxed.stop.ok else solution
     except (MethodError, SolveError):
         return None
@@ -148,7 +150,7 @@ def _sharpened(problem: Problem, word: Word, solution: Solution, backend: Ration
         return solution
     larger = {"obj_scaling_factor": min(_CLEAR / weight, _LARGEST)}
     scaled = Ration(backend.left, Ipopt({**backend.backend.options, **larger}))
-    sharper = Follower(backend=scaled)(problem, word, solution, watch).after(solution)
+    sharper = Follower(longer=False, backend=scaled)(problem, word, solution, watch).after(solution)
     backend.left = scaled.left
     return judge(problem, sharper) if sharper.stop.ok else solution
 

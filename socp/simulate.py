@@ -11,10 +11,12 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from socp import laws
+from socp.arc import barycentric
 from socp.errors import MethodError
+from socp.misses import box_miss, end_miss, parameters_of, path_miss
 from socp.problem import Problem
 from socp.solution import Arc, Feasibility, Solution, lagrange
-from socp.symbols import column, final_time, initial_time, time
+from socp.symbols import time
 from socp.word import Mode
 
 RTOL = 1e-10  # of DOP853; what is compared with it is seldom better than 1e-9
@@ -35,11 +37,23 @@ def scales(problem: Problem, solution: Solution) -> np.ndarray:
 
 
 def verify(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
-    """Integrate the control as a function of time and, where every arc has a law of the state, as feedback too."""
+    """Integrate the control as a function of time and, where every arc has a law of the state, as feedback too.
+
+    A solution keeps what was found for it: it is asked for more than once on the way to a certified word.
+    """
+    known: list[tuple[Problem, tuple[Feasibility, ...]]] = vars(solution).setdefault("_verified", [])
+    for posed, found in known:
+        if posed is problem:
+            return found
+    known.append((problem, _both(problem, solution)))
+    return known[-1][1]
+
+
+def _both(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
     as_time = [_time_pieces(arc) for arc in solution.arcs]
     found = [_verify(problem, solution, as_time, feedback=False)]
     if all(mode != "*" for arc in solution.arcs for mode in arc.modes):
-        p = _parameters(problem, solution)
+        p = parameters_of(problem, solution)
         try:
             ends = [(float(arc.t[0]), float(arc.t[-1])) for arc in solution.arcs]
             laws_ = [_feedback(problem, arc, p) for arc in solution.arcs]
@@ -83,7 +97,20 @@ def _hold(constant: np.ndarray) -> Control:
 
 
 def _polynomial(times: np.ndarray, values: np.ndarray) -> Control:
-    return lambda t, _x: lagrange(times, values, np.array([t]))[:, 0]
+    weights = barycentric(times)
+    if weights is None:
+        return lambda t, _x: lagrange(times, values, np.array([t]))[:, 0]
+    near = 1e-15 * np.ptp(times)
+
+    def control(t: float, _x: np.ndarray) -> np.ndarray:
+        distance = t - times
+        k = int(np.abs(distance).argmin())
+        if abs(distance[k]) <= near:
+            return np.asarray(values[:, k])
+        terms = weights / distance
+        return np.asarray(values @ terms / terms.sum())
+
+    return control
 
 
 def _feedback(problem: Problem, arc: Arc, p: np.ndarray) -> Control:
@@ -132,12 +159,12 @@ class _Log:
 
 
 def _verify(problem: Problem, solution: Solution, pieces: list[list[_Piece]], *, feedback: bool) -> Feasibility:
-    scale, p, log = scales(problem, solution), _parameters(problem, solution), _Log()
+    scale, p, log = scales(problem, solution), parameters_of(problem, solution), _Log()
     with np.errstate(all="ignore"):  # what overflows on the way ends as an error of the integration
         x, drift, error = _travel(problem, solution, pieces, scale, log)
-    miss, miss_at = _miss(problem, solution, x, scale)
-    path, path_at = _path(problem, log, p, scale)
-    box = _outside(np.hstack([np.array(log.u).T, *(arc.u for arc in solution.arcs)]), problem.box)
+    miss, miss_at = end_miss(problem, solution, x, scale)
+    path, path_at = path_miss(problem, p, scale, log.t, log.x)
+    box = box_miss(np.hstack([np.array(log.u).T, *(arc.u for arc in solution.arcs)]), problem.box)
     return Feasibility(
         miss=miss, miss_at=miss_at, path=path, path_at=path_at, box=box, drift=drift, feedback=feedback,
         end=tuple(x.tolist()), error=error,
@@ -148,7 +175,7 @@ def _travel(
     problem: Problem, solution: Solution, pieces: list[list[_Piece]], scale: np.ndarray, log: _Log
 ) -> tuple[np.ndarray, float, str]:  # fmt: skip
     """Integrate over all pieces; returns the last state, the drift and, where it breaks down, the reason."""
-    drift, p = 0.0, _parameters(problem, solution)
+    drift, p = 0.0, parameters_of(problem, solution)
     x = np.clip(solution.arcs[0].x[:, 0], *problem.start_box)
     log.keep(solution.initial_time, x, pieces[0][0].control(solution.initial_time, x))
     if not all(np.isfinite(values).all() for values in (x, solution.t, solution.rows("u"), p)):
@@ -193,52 +220,3 @@ def _looks(solver: DOP853, count: int) -> Iterator[tuple[float, np.ndarray]]:
     dense = solver.dense_output()
     for t in np.linspace(solver.t_old, solver.t, count + 1)[1:]:
         yield float(t), dense(t)
-
-
-def _parameters(problem: Problem, solution: Solution) -> np.ndarray:
-    return np.array([solution.parameters[name] for name in problem.parameter_names], dtype=float)
-
-
-def _outside(u: np.ndarray, box: np.ndarray) -> float:
-    """Return the worst excess of controls (nu, n) over their box, relative to its width."""
-    low, high = box[0][:, None], box[1][:, None]
-    return float(np.max(np.maximum(low - u, u - high) / (high - low), initial=0.0))
-
-
-def _miss(problem: Problem, solution: Solution, x: np.ndarray, scale: np.ndarray) -> tuple[float, str]:
-    """Return the worst relative violation of the end conditions by the end state x (nx,), and which condition it is."""
-    low, high = problem.end_box
-    excess = np.maximum(np.maximum(low - x, x - high), 0.0) / scale
-    found = dict(zip(problem.state_names, excess.tolist(), strict=True))
-    symbols = casadi.vertcat(problem.x, problem.x0, problem.p, initial_time, final_time)
-    times = [solution.initial_time, solution.final_time]
-    values = np.concatenate([x, solution.arcs[0].x[:, 0], _parameters(problem, solution), times])
-    sizes = np.concatenate([scale, scale, np.abs(values[2 * x.size :])])
-    for condition in problem.conditions:
-        psi = condition.expression
-        function = casadi.Function("psi", [symbols], [psi, casadi.jacobian(psi, symbols)])
-        value, slope = (each.full().ravel() for each in function(values))
-        violation = abs(value[0]) if condition.equation else max(value[0], 0.0)
-        found[condition.name] = float(violation / (np.abs(slope) @ sizes or 1.0))
-    for name, at, (first, last) in (
-        ("initial time", solution.initial_time, problem.initial_time_box),
-        ("final time", solution.final_time, problem.final_time_box),
-    ):
-        found[name] = max(first - at, at - last, 0.0) / max(solution.final_time - solution.initial_time, 1e-300)
-    worst = max(found, key=lambda name: np.inf if np.isnan(found[name]) else found[name])
-    return found[worst], worst
-
-
-def _path(problem: Problem, log: _Log, p: np.ndarray, scale: np.ndarray) -> tuple[float, str]:
-    """Return the worst relative violation of the state constraints at the points looked at, and which it is."""
-    if not problem.constraints:
-        return 0.0, ""
-    stack = column(c.expression for c in problem.constraints)
-    slopes = casadi.mtimes(casadi.fabs(casadi.jacobian(stack, problem.x)), scale)
-    function = casadi.Function("c", [problem.x, time, problem.p], [stack, slopes])
-    given = np.array(log.x).T, np.array(log.t)[None, :], np.repeat(p[:, None], len(log.t), axis=1)
-    values, sizes = (each.full() for each in function.map(len(log.t))(*given))
-    # a constraint's magnitude is how much it changes when every state changes by its own, at worst along the way
-    relative = values.max(axis=1) / np.where((largest := sizes.max(axis=1)) > 0, largest, 1.0)
-    worst = int(np.argmax(relative))
-    return max(float(relative[worst]), 0.0), problem.constraints[worst].name
