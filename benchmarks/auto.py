@@ -5,10 +5,13 @@ verification and judgement. The median of some runs each, taken in turns, after 
 """
 
 import argparse
+import os
 import statistics
 import time
 from collections.abc import Callable
 from functools import partial
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does
 
 from rich.console import Console
 from rich.table import Table

@@ -1,9 +1,7 @@
 """The default: direct solves show the arcs, their word is solved and mended until the judge certifies it."""
 
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import islice
 from typing import ClassVar, final
 
 from socp import (
@@ -20,18 +18,14 @@ from socp import (
     solve_collocated,
     uniform,
 )
-from socp.collocate import collocate
-from socp.errors import SolveError
-from socp.guess import scattered
+from socp.frontier import limited
 from socp.refine import Search, concluded, refine
 from socp.schemes import euler, radau_iia
+from socp.scouting import scouts
 from socp.solution import Stop
+from socp.trust import trusted
 
-_STEPS = 20  # intervals of the scouting solves: the extremals of a problem differ by more than these are off
-_SCOUT = Ipopt({"tol": 1e-6, "max_iter": 150})  # to tell extremals apart takes no digits
 _DIRECT = Ipopt({"max_iter": 500})  # what a direct solve has not reached by then it hardly ever reaches
-_ALIKE = 1e-3  # relative: objectives of one extremal from different starts differ by rounding; of two, clearly
-_MET = 3  # starts that end in the best extremal known before it is believed to be the best
 
 
 @final
@@ -43,6 +37,8 @@ class Auto(Method):
     source: ClassVar[str] = "structure from direct collocation, mended by the minimum principle"
     steps: int = option(100, "steps of the first direct solves", least=10)
     starts: int = option(12, "coarse solves from scattered guesses, at most, to find the best extremal", least=0)
+    digits: int = option(9, "digits of objective and switching times that two computations have to agree on", least=1)
+    max_switches: int = option(6, "most switches of the best word where the control chatters; 0: any number", least=0)
     backend: Backend = option(_DIRECT, "solver of the first direct solves")
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
@@ -50,6 +46,8 @@ class Auto(Method):
         began, search, directs = time.perf_counter(), Search(), list[Solution]()
         try:
             found = self._searched(problem, guess, (search, directs), watch)
+            if found.extremal:
+                found = trusted(problem, found, self.digits, search.backend, watch)
         except KeyboardInterrupt:  # between two solves; inside one the backend stops by itself
             known = search.best or (directs[-1] if directs else None)
             if known is None:
@@ -63,7 +61,7 @@ class Auto(Method):
         self, problem: Problem, guess: Solution, known: tuple[Search, list[Solution]], watch: Watch
     ) -> Solution:
         search, directs = known
-        for start in (*self._scouts(problem, guess, watch), guess):
+        for start in (*scouts(problem, guess, self.starts, watch), guess):
             if start.stop is Stop.INTERRUPTED:
                 return start
             for mesh in (uniform(radau_iia(2), self.steps // 2), uniform(euler(), 2 * self.steps)):
@@ -76,37 +74,7 @@ class Auto(Method):
                     break
             if search.over:
                 break
-        return concluded(problem, search, directs)
-
-    def _scouts(self, problem: Problem, guess: Solution, watch: Watch) -> list[Solution]:
-        """Return one coarse solution for every extremal met, best first; none where the guess alone is to be used."""
-        reduced = collocate(single_phase(problem), [uniform(radau_iia(2), _STEPS)])
-        met: list[tuple[Solution, int]] = []
-        for start in islice(_guesses(problem, guess), self.starts):
-            try:
-                found = reduced.lift(_SCOUT(reduced.problem, reduced.push(start), watch))
-            except SolveError:
-                continue
-            if found.stop is Stop.INTERRUPTED:
-                return [found]
-            if found.stop.ok:
-                met = _counted(met, found)
-            if met and met[0][1] >= _MET:
-                break
-        return [solution for solution, _ in met]
-
-
-def _guesses(problem: Problem, guess: Solution) -> Iterator[Solution]:
-    yield guess
-    yield from scattered(problem, guess)
-
-
-def _counted(met: list[tuple[Solution, int]], found: Solution) -> list[tuple[Solution, int]]:
-    """Count one more solution among those met, clustered by objective, best first."""
-    for k, (known, count) in enumerate(met):
-        if abs(known.objective - found.objective) <= _ALIKE * (abs(known.objective) + abs(found.objective)):
-            return [*met[:k], (known, count + 1), *met[k + 1 :]]
-    return sorted([*met, (found, 1)], key=lambda pair: pair[0].objective)
+        return limited(problem, concluded(problem, search, directs), self.max_switches, watch)
 
 
 @hookimpl

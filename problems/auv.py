@@ -1,10 +1,10 @@
 """Minimum-time path of an underwater vehicle through a shear current, to a disc around the origin."""
 
-from math import pi
+from math import pi, sqrt
 
 from casadi import cos, fabs, sin, tanh
 
-from socp.problem import Problem, Reference, controls, final_time, states
+from socp.problem import Problem, Reference, Scene, controls, final_time, states
 
 x, y, phi, u = states("x y phi u")  # position, heading, speed
 r, f = controls("r f")  # turn rate, thrust
@@ -22,6 +22,7 @@ problem = Problem(
     start={x: 40, y: -2, phi: pi, u: 0},
     end={phi: pi, u: 0},
     target={"disc": x**2 + y**2 <= 0.05},
+    scene=Scene(plane=(x, y), heading=phi, flow=(0.8 * tanh(y), 0), target=(0, 0, sqrt(0.05))),
     title="AUV in a shear current, minimum time",
     source="Foroozandeh, de Pinho, Shamsi, DCDS-B 24(5) 2019, doi:10.3934/dcdsb.2019092, with u >= 0",
     reference=Reference(

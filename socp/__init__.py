@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from socp.phases import single_phase as single_phase
     from socp.problem import Problem as Problem
     from socp.problem import Reference as Reference
+    from socp.problem import Scene as Scene
     from socp.problem import controls as controls
     from socp.problem import final_time as final_time
     from socp.problem import free as free
@@ -50,8 +51,8 @@ _HOMES = {
     "nlp": ["Backend", "Watch", "silent"],
     "phases": ["follow", "single_phase"],
     "problem": [
-        "Problem", "Reference", "controls", "final_time", "free", "initial", "initial_time", "parameters", "states",
-        "time",
+        "Problem", "Reference", "Scene", "controls", "final_time", "free", "initial", "initial_time", "parameters",
+        "states", "time",
     ],
     "solution": ["Solution"],
     "word": ["Word"],

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import casadi
 
-from socp import ranges
+from socp import ranges, scene
 from socp.affinity import not_affine
 from socp.errors import ProblemError
 from socp.symbols import Expr, final_time, initial, initial_time, is_logical, is_symbol, relation, role, time
@@ -72,6 +72,7 @@ def _tables(problem: "Problem") -> None:
     if not problem.dynamics:
         raise ProblemError("dynamics: give the rate of at least one state")
     _keys(problem)
+    scene.check(problem.scene)
 
 
 def _keys(problem: "Problem") -> None:
@@ -120,6 +121,7 @@ def placed(problem: "Problem") -> Iterator[tuple[str, Expr]]:
         if equation:
             raise ProblemError(f"path '{name}': an equation; a path constraint is c(x, t) <= 0")
         yield f"path '{name}'", left
+    yield from scene.placed(problem.scene)
 
 
 def _expressions(problem: "Problem") -> None:
@@ -145,6 +147,7 @@ def _finite(place: str, expression: Expr) -> None:
 
 
 def _symbols(problem: "Problem") -> None:
+    used = {s for e in expressions(problem) for s in casadi.symvar(e)}
     at_ends = {*(initial(state) for state in problem.dynamics), *_TIMES}
     for place, expression in placed(problem):
         ends = place == "minimise" or place.startswith("target")
@@ -157,6 +160,8 @@ def _symbols(problem: "Problem") -> None:
                 raise ProblemError(f"{place}: uses the control '{symbol}'; allowed are states, parameters and times")
             if kind == "control" and symbol not in problem.bounds:
                 raise ProblemError(f"control '{symbol}' has no bounds; give bounds={{{symbol}: (lower, upper)}}")
+            if kind == "parameter" and place.startswith("scene") and symbol not in used:
+                raise ProblemError(f"{place}: parameter '{symbol}' is in no other expression of the problem")
             if kind is None and symbol not in (at_ends if ends else {time}):
                 raise ProblemError(f"{place}: unknown symbol '{symbol}'{_hint(symbol, ends=ends)}")
 

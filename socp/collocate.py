@@ -24,7 +24,8 @@ def collocate(phased: PhasedProblem, meshes: Sequence[Mesh]) -> Reduced[NLP, Sol
     """Transcribe a phased problem on one mesh a phase.
 
     Variables: initial time, phase lengths, parameters, states at all nodes (shared between neighbours), free controls
-    at the collocated nodes. `lift` gives costates by the covector map: -(B' multipliers) / weights at collocated nodes
+    at the collocated nodes, carried quantities, binaries a phase.
+    `lift` gives costates by the covector map: -(B' multipliers) / weights at collocated nodes
     within an interval, and where intervals meet the sensitivity of the Lagrangian, which has the order of the scheme
     (on the side of the jump that is collocated). Raises MethodError where the meshes do not fit the phases.
     """
@@ -37,11 +38,13 @@ def collocate(phased: PhasedProblem, meshes: Sequence[Mesh]) -> Reduced[NLP, Sol
     _conditions(grid, rows)
     layout = _layout(grid, defects, path)
     mayer = casadi.substitute(phased.of.mayer, _end_symbols(phased), _end_values(grid))
-    v = casadi.vertcat(grid.starts[0], grid.lengths, grid.p, casadi.vec(grid.X), *map(casadi.vec, [*grid.V, *grid.Y]))
+    z = casadi.vertcat(casadi.SX(0, 1), *(phase.z for phase in phased.phases))
+    parts = [casadi.vec(each) for each in (grid.X, *grid.V, *grid.Y)]
+    v = casadi.vertcat(grid.starts[0], grid.lengths, grid.p, *parts, z)
     nlp = NLP(
         v=v, f=cost + mayer, g=casadi.vertcat(casadi.SX(0, 1), *rows.blocks), v_box=_box(layout),
         g_box=np.hstack([np.zeros((2, 0)), *([low, high] for low, high in zip(rows.low, rows.high, strict=True))]),
-        binary=np.zeros(v.numel(), dtype=bool),
+        binary=np.arange(v.numel()) >= v.numel() - z.numel(),
     )  # fmt: skip
     return Reduced(nlp, partial(push, layout), partial(lift, layout))
 
@@ -106,17 +109,19 @@ def _dynamics(grid: _Grid, rows: _Rows) -> tuple[Expr, list[slice]]:
     """Add the defects of every phase and the boxes of its laws; returns running cost and the rows of the defects."""
     problem, cost, defects, laws = grid.phased.of, casadi.SX(0), [], []
     for k, (t, phase) in enumerate(zip(grid.tables, grid.phased.phases, strict=True)):
-        given = [problem.x, phase.free, phase.carried, time, problem.p]
+        given = [problem.x, phase.free, phase.carried, time, problem.p, phase.z]
         rate, running = (casadi.substitute(e, problem.u, phase.control) for e in (problem.rate, problem.lagrangian))
         at, length = t.collocated.tolist(), grid.lengths[k]
         X = grid.X[:, grid.first[k] : grid.first[k + 1] + 1]
-        along = [X[:, at], grid.V[k], grid.Y[k][:, at], grid.times(k)[:, at], grid.p]
+        along = [X[:, at], grid.V[k], grid.Y[k][:, at], grid.times(k)[:, at], grid.p, phase.z]
         function = casadi.Function("rate", given, [casadi.vertcat(rate, phase.carried_rate), running])
         F, L = mapped(function, along)
         for i in [i for i, mode in enumerate(phase.modes) if phase.boxed and mode.kind in {"singular", "boundary"}]:
             if not phase.control[i].is_constant():
                 (values,) = mapped(casadi.Function("law", given, [phase.control[i]]), along)
                 laws.append((values, *problem.box[:, i]))
+        for row, low, high in phase.choice.along if phase.choice else ():
+            laws.append((*mapped(casadi.Function("row", given, [row]), along), low, high))
         cost += length * casadi.dot(L.T, casadi.DM(t.weights[at]))
         left = casadi.mtimes(casadi.vertcat(X, grid.Y[k]), casadi.DM(t.A).T)
         defects.append(rows.add(left - length * casadi.mtimes(F, casadi.DM(t.B[:, at]).T), 0.0, 0.0))
@@ -154,6 +159,11 @@ def _conditions(grid: _Grid, rows: _Rows) -> None:
         if phase.entry:
             entry = casadi.Function("entry", [problem.x, phase.carried, time, problem.p], [column(phase.entry)])
             rows.add(entry(grid.X[:, grid.first[k]], grid.Y[k][:, 0], grid.starts[k], grid.p), 0.0, 0.0)
+        for row, low, high in phase.choice.entry if phase.choice else ():
+            entry = casadi.Function("entry", [problem.x, phase.carried, time, problem.p, phase.z], [row])
+            rows.add(entry(grid.X[:, grid.first[k]], grid.Y[k][:, 0], grid.starts[k], grid.p, phase.z), low, high)
+    for row, low, high in phased.rules:
+        rows.add(row, low, high)
     for condition in problem.conditions:
         value = casadi.substitute(condition.expression, _end_symbols(phased), _end_values(grid))
         rows.add(value, 0.0 if condition.equation else -np.inf, 0.0)
@@ -170,12 +180,13 @@ def _end_values(grid: _Grid) -> Expr:
 
 
 def _layout(grid: _Grid, defects: list[slice], path: dict[str, tuple[np.ndarray, slice]]) -> Layout:
-    sizes = [1, len(grid.tables), grid.p.numel(), grid.X.numel(), *(each.numel() for each in [*grid.V, *grid.Y])]
+    sizes = [1, len(grid.tables), grid.p.numel(), grid.X.numel()]
+    sizes += [each.numel() for each in (*grid.V, *grid.Y, *(phase.z for phase in grid.phased.phases))]
     _, lengths, parameters, states, *rest = (slice(a, b) for a, b in pairwise(accumulate(sizes, initial=0)))
-    free, carried = rest[: len(grid.V)], rest[len(grid.V) :]
+    free, carried, binaries = (rest[k * len(grid.V) : (k + 1) * len(grid.V)] for k in range(3))
     return Layout(
         phased=grid.phased, tables=grid.tables, first=grid.first, lengths=lengths, parameters=parameters, states=states,
-        free=free, carried=carried, defects=defects, path=path,
+        free=free, carried=carried, binaries=binaries, defects=defects, path=path,
     )  # fmt: skip
 
 
@@ -193,4 +204,5 @@ def _box(layout: Layout) -> np.ndarray:
     free = [np.tile(phase.box, t.collocated.size) for phase, t in zip(phased.phases, layout.tables, strict=True)]
     carried = sum(each.stop - each.start for each in layout.carried)
     unbounded = np.repeat([[-np.inf], [np.inf]], carried, axis=1)
-    return np.hstack([times, lengths, problem.parameter_box, [low.T.ravel(), high.T.ravel()], *free, unbounded])
+    unit = np.repeat([[0.0], [1.0]], sum(each.stop - each.start for each in layout.binaries), axis=1)
+    return np.hstack([times, lengths, problem.parameter_box, [low.T.ravel(), high.T.ravel()], *free, unbounded, unit])

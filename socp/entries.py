@@ -2,16 +2,21 @@
 
 import ast
 import difflib
+import inspect
+import re
 import traceback
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, is_dataclass
 from importlib import metadata, util
 from pathlib import Path
-from typing import Literal, final
+from typing import TYPE_CHECKING, Any, Literal, final
 
 import pluggy
 
 from socp.errors import SocpError
+
+if TYPE_CHECKING:
+    from socp.method import Method
 
 PLUGINS = "socp.plugins"  # each entry a module of hook implementations
 PROBLEMS = "socp.problems"  # each entry `module:attribute`
@@ -110,3 +115,26 @@ def explain(error: BaseException, file: str) -> str:
     """Return one line on an exception: its kind, its text and, where it passed through the file, the line."""
     line = line_of(error, file)
     return reason(error) + (f" ({Path(file).name}, line {line})" if line else "")
+
+
+def refusal(method: Any, methods: Mapping[str, "type[Method]"]) -> str:
+    """Return why an object cannot be a method here, empty where it can."""
+    from socp.method import Method
+
+    if not (inspect.isclass(method) and issubclass(method, Method)):
+        return f"{method!r} is no subclass of socp.Method"
+    return next(_faults(method, methods), "")
+
+
+def _faults(method: Any, methods: Mapping[str, "type[Method]"]) -> Iterator[str]:
+    name = getattr(method, "name", "")
+    if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
+        yield f"{method.__name__}: name {name!r}; it should be letters, digits and hyphens"
+    if inspect.isabstract(method):
+        yield f"{method.__name__} does not define {', '.join(sorted(method.__abstractmethods__))}"
+    if not is_dataclass(method) or not vars(method)["__dataclass_params__"].frozen:
+        yield f"{method.__name__} is no frozen dataclass; put @dataclass(frozen=True) above it"
+    if not isinstance(getattr(method, "source", None), str):
+        yield f"{method.__name__} has no source: say which paper the method comes from"
+    if name in methods:
+        yield f"there is a method '{name}' already, {methods[name].__module__}.{methods[name].__name__}"

@@ -31,7 +31,7 @@ class Follower:
     points: collocation points an interval; intervals: fixed number of intervals an arc, 0 for as many as needed;
     tolerance: size of the states' last Legendre coefficients, relative, that ends refinement; boxed: impose the box of
     the controls on the values of the laws, which a right word keeps by itself; longer: meet the ends with longer
-    horizons first where the guess leads nowhere.
+    horizons first where the guess leads nowhere; dwell: least length of every arc.
     """
 
     points: int = 10
@@ -39,18 +39,20 @@ class Follower:
     tolerance: float = 1e-7
     boxed: bool = False
     longer: bool = True
+    dwell: float = 0.0
     backend: Backend = field(default_factory=lambda: Ipopt({"tol": 1e-11}))
 
     def __call__(self, problem: Problem, word: Word, guess: Solution, watch: Watch = silent) -> Solution:
         """Solve along a word from one guess; raises MethodError where a law of the word cannot be had."""
         phased = follow(problem, word)
-        if self.boxed:
-            phased = replace(phased, phases=tuple(replace(phase, boxed=True) for phase in phased.phases))
+        length = (self.dwell, math.inf)
+        phases = tuple(replace(phase, boxed=self.boxed, length=length) for phase in phased.phases)
+        phased = replace(phased, phases=phases)
         meshes = [uniform(lgr(self.points), self.intervals or count) for count in _counts(guess, len(phased.phases))]
         solution = solve_collocated(phased, meshes, self.backend, guess, watch, longer=self.longer)
         if self.intervals or not sound(problem, solution):
             return solution
-        cut = jointed(phased, solution, self.points)
+        cut = None if self.dwell else jointed(phased, solution, self.points)  # a part of an arc may be shorter
         if cut is not None:
             parts, start, meshes, pieces = cut
             found = solve_collocated(parts, meshes, self.backend, start, watch)

@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING
 import pluggy
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from socp.method import Method
     from socp.problem import Problem
+    from socp.recording.guard import Recorder
     from socp.solution import Solution
 
 hookspec = pluggy.HookspecMarker("socp")
@@ -25,3 +28,12 @@ def socp_methods() -> "Iterable[type[Method]]":  # type: ignore[empty-body]
 @hookspec
 def socp_solved(problem: "Problem", solution: "Solution") -> None:
     """Look at a finished solve: a recorder or a writer. What it raises is reported and fails nothing."""
+
+
+@hookspec
+def socp_recorder(problem: "Problem", path: "Path | None", live: str, runs: int) -> "Recorder | None":
+    """Return a recorder of one solve of a problem, or of several `runs` to be compared.
+
+    It writes to the file `path`, to the viewer at the address `live`, or to both; None and "" mean neither. The first
+    plugin that returns one is asked. What it raises, then or later, is reported, ends the recording and fails nothing.
+    """

@@ -12,11 +12,12 @@ from socp.phases import Phase, PhasedProblem
 from socp.schemes import lgr
 from socp.solution import Solution
 from socp.symbols import Expr, column, time
-from socp.tables import Mesh, table, uniform
+from socp.tables import Mesh, table
 
 _BINARY = {casadi.OP_FMIN, casadi.OP_FMAX, casadi.OP_LT, casadi.OP_LE}
 _UNARY = {casadi.OP_FABS, casadi.OP_SIGN}
 _LOOKS = 8  # points looked at between two nodes of a mesh: a crossing and back within one of them does not count
+_SLIVER = 1e-3  # of a piece: a shorter interval beside a joint is not worth its nodes
 _CROWD = 8  # joints in one arc at most: what crosses more often is no kink but noise
 
 
@@ -67,7 +68,7 @@ def jointed(
         phases += [phase, *(replace(phase, entry=(kink,), length=(0.0, np.inf)) for _, kink in cuts)]
         edges = [float(arc.t[0]), *(t for t, _ in cuts), float(arc.t[-1])]
         for a, b in pairwise(edges):
-            meshes.append(uniform(lgr(points), max(1, round((b - a) / (edges[-1] - edges[0]) * (arc.mesh.size - 1)))))
+            meshes.append(_between(arc, (a, b), points))
             arcs.append(_piece(arc, (a, b), meshes[-1]))
         pieces.append(len(cuts) + 1)
     if len(arcs) == len(solution.arcs):
@@ -79,6 +80,14 @@ def whole(solution: Solution, pieces: list[int]) -> Solution:
     """Return a solution with so many pieces of every arc joined again."""
     ends = list(accumulate(pieces, initial=0))
     return replace(solution, arcs=tuple(joined(solution.arcs[a:b]) for a, b in pairwise(ends)))
+
+
+def _between(arc: Arc, span: tuple[float, float], points: int) -> Mesh:
+    """Return the intervals of an arc's mesh between two times; slivers are left to their neighbours."""
+    corners = arc.t[arc.mesh]
+    apart = _SLIVER * (span[1] - span[0])
+    inside = corners[(corners > span[0] + apart) & (corners < span[1] - apart)]
+    return [(float(share), lgr(points)) for share in np.diff([span[0], *inside, span[1]])]
 
 
 def _piece(arc: Arc, span: tuple[float, float], mesh: Mesh) -> Arc:
@@ -109,8 +118,10 @@ def _crossings(phased: PhasedProblem, phase: Phase, arc: Arc, solution: Solution
     grid = np.unique(np.concatenate([np.linspace(a, b, _LOOKS + 1) for a, b in pairwise(arc.t[arc.mesh])]))
     sampled, crossings = at(grid), []
     for i in range(found.numel()):
-        for k in np.flatnonzero(sampled[i, :-1] * sampled[i, 1:] < 0.0):
-            t = brentq(lambda t, i=i: at(np.array([t]))[i, 0], grid[k], grid[k + 1])
+        known = np.flatnonzero(sampled[i])  # a zero that falls on a point is found between its neighbours
+        row, times = sampled[i, known], grid[known]
+        for k in np.flatnonzero(row[:-1] * row[1:] < 0.0):
+            t = brentq(lambda t, i=i: at(np.array([t]))[i, 0], times[k], times[k + 1])
             crossings.append((float(t), found[i]))
     apart = 1e-9 * (arc.t[-1] - arc.t[0])  # a crossing at an end of the arc is the end
     inside = [each for each in crossings if arc.t[0] + apart < each[0] < arc.t[-1] - apart]

@@ -30,6 +30,7 @@ class Layout:
     states: slice
     free: list[slice]
     carried: list[slice]
+    binaries: list[slice]
     defects: list[slice]
     path: dict[str, tuple[np.ndarray, slice]]
 
@@ -62,7 +63,7 @@ def push(layout: Layout, guess: Solution) -> NLPPoint:
     corners = np.linspace(guess.initial_time, guess.final_time, count + 1)
     if fitting:
         corners = np.array([guess.initial_time, *(arc.t[-1] for arc in guess.arcs)])
-    X, V, Y = [], [], []
+    X, V, Y, Z = [], [], [], []
     for k in range(count):
         source = guess.arcs[k] if fitting else guess
         x, free = _sampled(source, layout.phased.phases[k], layout.tables[k], (corners[k], corners[k + 1] - corners[k]))
@@ -70,8 +71,18 @@ def push(layout: Layout, guess: Solution) -> NLPPoint:
         V.append(free.T.ravel())
         at = corners[k] + (corners[k + 1] - corners[k]) * layout.tables[k].tau
         Y.append(_carried(source, layout.phased.phases[k], at))
+        Z.append(_binaries(layout.phased.phases[k], source, corners[k : k + 2]))
     p = [guess.parameters.get(name, 0.0) for name in problem.parameter_names]
-    return NLPPoint(v=np.concatenate([corners[:1], np.diff(corners), p, np.hstack(X).T.ravel(), *V, *Y]))
+    return NLPPoint(v=np.concatenate([corners[:1], np.diff(corners), p, np.hstack(X).T.ravel(), *V, *Y, *Z]))
+
+
+def _binaries(phase: Phase, source: Arc | Solution, span: np.ndarray) -> np.ndarray:
+    """Return the binaries (nz,) of a phase for the modes that the guess has in its middle."""
+    if phase.choice is None:
+        return np.empty(0)
+    if isinstance(source, Solution):
+        source = source.arcs[int(np.searchsorted(source.junctions, span.mean(), side="right"))]
+    return phase.choice.values(source.modes)
 
 
 def _carried(source: Arc | Solution, phase: Phase, t: np.ndarray) -> np.ndarray:
@@ -117,13 +128,15 @@ def _arc(layout: Layout, point: NLPPoint, k: int) -> Arc:
     times[-1] = corners[k + 1]
     free = _everywhere(v[layout.free[k]].reshape(t.collocated.size, -1).T, t, times)
     carried = v[layout.carried[k]].reshape(t.tau.size, -1).T
-    given = [x, free, carried, times[None, :], v[layout.parameters][:, None]]
-    symbols = [problem.x, phase.free, phase.carried, time, problem.p]
+    z = v[layout.binaries[k]]
+    given = [x, free, carried, times[None, :], v[layout.parameters][:, None], z[:, None]]
+    symbols = [problem.x, phase.free, phase.carried, time, problem.p, phase.z]
     (u,) = mapped(casadi.Function("control", symbols, [phase.control]), [casadi.DM(a) for a in given])
     return Arc(
         t=times, x=x, u=np.array(u.full()), mesh=t.mesh, side=t.side,
         costate=carried if phase.carried.numel() else _costate(layout, point, k, given),
-        modes=tuple(str(mode) for mode in phase.modes), multipliers=_multipliers(layout, point, k),
+        modes=tuple(map(str, phase.choice.read(z) if phase.choice else phase.modes)),
+        multipliers=_multipliers(layout, point, k),
     )  # fmt: skip
 
 
@@ -141,15 +154,15 @@ def _everywhere(values: np.ndarray, t: Table, times: np.ndarray) -> np.ndarray:
 
 
 def _slope(problem: Problem, phase: Phase) -> casadi.Function:
-    """Return the gradient of the Hamiltonian along the phase's law, as a function of x, v, y, t, p and the costate."""
+    """Return the gradient of the Hamiltonian along the phase's law, a function of x, v, y, t, p, z and the costate."""
     rate, running = (casadi.substitute(e, problem.u, phase.control) for e in (problem.rate, problem.lagrangian))
     gradient = casadi.gradient(running + casadi.dot(problem.costate, rate), problem.x)
-    symbols = [problem.x, phase.free, phase.carried, time, problem.p, problem.costate]
+    symbols = [problem.x, phase.free, phase.carried, time, problem.p, phase.z, problem.costate]
     return casadi.Function("slope", symbols, [gradient])
 
 
 def _costate(layout: Layout, point: NLPPoint, k: int, given: list[np.ndarray]) -> np.ndarray:
-    """Return the costate (nx, n) of a phase, nan where the point has no multipliers; `given`: its x, v, y, t, p."""
+    """Return the costate (nx, n) of a phase, nan where the point has no multipliers; `given`: its x, v, y, t, p, z."""
     problem, t, nx = layout.phased.of, layout.tables[k], given[0].shape[0]
     costate = np.full((nx, t.tau.size), np.nan)
     if point.lam_g is None:

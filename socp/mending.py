@@ -38,6 +38,10 @@ class Candidate:
         """The word as text."""
         return str(Word(tuple(str(i) for i in range(len(self.arcs[0]))), self.arcs))
 
+    def place(self, t: float) -> int:
+        """Return the index of the arc at a time, the later one where arcs meet."""
+        return int(np.clip(np.searchsorted(self.edges, t, side="right") - 1, 0, len(self.arcs) - 1))
+
     def guess(self) -> Solution:
         """Return the source cut at the edges."""
         lengths = np.diff(self.edges)
@@ -115,20 +119,24 @@ def _absorb(row: list[tuple[str, float, float]], k: int) -> None:
 
 def insert(given: Candidate, control: int, mode: str, t: float) -> Candidate:
     """Return a candidate with one control in another mode for a while around a time."""
-    edges = np.array(given.edges)
-    k = int(np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(given.arcs) - 1))
+    arc = given.arcs[given.place(t)]
+    return planted(given, (*arc[:control], Mode.parse(mode), *arc[control + 1 :]), t)
+
+
+def planted(given: Candidate, new: Joint, t: float) -> Candidate:
+    """Return a candidate with all controls in given modes for a while around a time."""
+    edges, k = np.array(given.edges), given.place(t)
     a, b = edges[k], edges[k + 1]
     length = _SPROUT * (b - a)
     start = float(np.clip(t - length / 2.0, a, b - length))
     start = a if start - a < 2.0 * length else b - length if b - start < 3.0 * length else start
     arc = given.arcs[k]
-    new = (*arc[:control], Mode.parse(mode), *arc[control + 1 :])
     arcs = (*given.arcs[:k], arc, new, arc, *given.arcs[k + 1 :])
     cut = Candidate(arcs, (*given.edges[: k + 1], start, start + length, *given.edges[k + 1 :]), given.source)
-    return merged(_without(cut, 0.0))
+    return merged(without(cut, 0.0))
 
 
-def _without(given: Candidate, shortest: float) -> Candidate:
+def without(given: Candidate, shortest: float) -> Candidate:
     """Return a candidate without the arcs that are no longer than the shortest."""
     keep = [k for k, (a, b) in enumerate(pairwise(given.edges)) if b - a > shortest]
     edges = [given.edges[k] for k in keep]
@@ -143,7 +151,7 @@ def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Ca
     gone = [k for k, (a, b) in enumerate(pairwise(edges)) if b - a <= shortest]
     yield from (_dropped(now, problem, label) for label in _slack(solution))
     if gone:
-        yield merged(_without(now, shortest))
+        yield merged(without(now, shortest))
         yield from (_swapped(now, k) for k in gone if 0 < k < len(now.arcs) - 1)
     yield from _outside(problem, now)
     yield from _violated(problem, now)

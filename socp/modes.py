@@ -2,18 +2,22 @@
 
 from itertools import product
 
+import casadi
 import numpy as np
 
 from socp import laws
 from socp.errors import MethodError
 from socp.principle import Modes
 from socp.problem import Problem
+from socp.symbols import time
 from socp.word import Mode
+
+_BANGS = (Mode("lower"), Mode("upper"))
 
 
 def control_modes(problem: Problem, i: int) -> tuple[Mode, ...]:
     """Return the modes that control i may be in: its finite bounds, singular, and along each constraint it acts on."""
-    bangs = [Mode(kind) for kind, bound in (("lower", 0), ("upper", 1)) if np.isfinite(problem.box[bound, i])]
+    bangs = [mode for mode, bound in zip(_BANGS, problem.box[:, i], strict=True) if np.isfinite(bound)]
     return (*bangs, Mode("singular"), *(Mode("boundary", c.name) for c in laws.acting(problem, i)))
 
 
@@ -29,3 +33,19 @@ def _possible(problem: Problem, modes: Modes) -> bool:
     except MethodError:
         return False
     return True
+
+
+def values(
+    problem: Problem, modes: Modes, x: np.ndarray, costate: np.ndarray, t: np.ndarray, p: np.ndarray
+) -> np.ndarray:
+    """Return the controls (nu, n) that the law of an arc gives at x (nx, n), costate (nx, n), t (n,), p (np, n).
+
+    They are nan where the law needs a costate that is nan. Raises MethodError where there is no law.
+    """
+    known: dict[Modes, casadi.Function] = vars(problem).setdefault("_law_values", {})  # as its own cached properties
+    law = laws.arc_law(problem, modes)
+    if modes not in known:
+        symbols = [problem.x, problem.costate, time, problem.p]
+        known[modes] = casadi.Function("law", symbols, [casadi.densify(law.control)])
+    given = costate if law.costate else np.nan_to_num(costate)
+    return np.array(known[modes].map(t.size)(x, given, t[None, :], p).full())

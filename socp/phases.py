@@ -1,5 +1,6 @@
 """Problems cut into phases: one control law on each, free lengths between the switching times."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import final
@@ -10,6 +11,44 @@ from socp import laws
 from socp.problem import Problem
 from socp.symbols import Expr, column
 from socp.word import Mode, Word
+
+Row = tuple[Expr, float, float]  # an expression with the bounds that it has to keep
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Choice:
+    """The modes that an arc chooses among by binaries, which are constant on it.
+
+    `z` (nz, 1) holds the binaries: one a mode of every control but its last mode, which it is in where none of them is
+    1. `modes[i]` are those of control i, `weights[i]` their shares as expressions of z: 1 for the mode it is in.
+    `along` holds rows in x, free, carried, t, p, z that bind at every collocated node, `entry` those that bind where
+    the arc begins, without the free controls.
+    """
+
+    z: Expr
+    modes: tuple[tuple[Mode, ...], ...]
+    weights: tuple[tuple[Expr, ...], ...]
+    along: tuple[Row, ...] = ()
+    entry: tuple[Row, ...] = ()
+
+    def values(self, modes: Sequence[str]) -> np.ndarray:
+        """Return binaries (nz,) for modes as a word spells them; even shares where a mode is not among the choices."""
+        found: list[float] = []
+        for own, mode in zip(self.modes, modes, strict=True):
+            spelled = [str(each) for each in own]
+            known = mode in spelled
+            found += [float(each == mode) if known else 1.0 / len(own) for each in spelled[:-1]]
+        return np.array(found)
+
+    def read(self, z: np.ndarray) -> tuple[Mode, ...]:
+        """Return the modes that binaries (nz,) choose, those of the largest share where they are fractions."""
+        found, at = [], 0
+        for own in self.modes:
+            shares = z[at : at + len(own) - 1]
+            found.append(own[int(np.argmax([*shares, 1.0 - shares.sum()]))])
+            at += len(own) - 1
+        return tuple(found)
 
 
 @final
@@ -22,7 +61,8 @@ class Phase:
     with the states: the costate, where a law needs it. `entry` holds expressions of x, carried, t, p that vanish where
     the arc begins; `kept` names the state constraints that the law itself keeps from there on: imposed again on this
     arc, they would be dependent. `length` bounds the arc's length; `boxed` imposes the box on the values of the law,
-    which a right word keeps by itself.
+    which a right word keeps by itself. Where there is a `choice`, `control` depends on its binaries too, and `modes`
+    is what the arc is taken for while they are not known.
     """
 
     modes: tuple[Mode, ...]
@@ -35,15 +75,22 @@ class Phase:
     boxed: bool = False
     carried: Expr = field(default_factory=partial(column, ()))
     carried_rate: Expr = field(default_factory=partial(column, ()))
+    choice: Choice | None = None
+
+    @property
+    def z(self) -> Expr:
+        """Binaries of the arc (nz, 1), none where its modes are given."""
+        return column(()) if self.choice is None else self.choice.z
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class PhasedProblem:
-    """A problem with the phases that its horizon is cut into."""
+    """A problem with the phases that its horizon is cut into, and rows in the binaries of several of them."""
 
     of: Problem
     phases: tuple[Phase, ...]
+    rules: tuple[Row, ...] = ()
 
 
 def single_phase(problem: Problem, phases: int = 1) -> PhasedProblem:

@@ -9,8 +9,9 @@ from typing import Any, final
 import casadi
 import numpy as np
 
-from socp import checks
-from socp.ranges import interval
+from socp import checks, notebook
+from socp.ranges import interval, rows
+from socp.scene import Scene
 from socp.symbols import (
     Expr,
     column,
@@ -27,7 +28,7 @@ from socp.symbols import (
 )
 
 __all__ = [
-    "Condition", "Constraint", "Expr", "Problem", "Reference", "controls", "final_time", "free", "initial",
+    "Condition", "Constraint", "Expr", "Problem", "Reference", "Scene", "controls", "final_time", "free", "initial",
     "initial_time", "parameters", "states", "time",
 ]  # fmt: skip
 
@@ -100,6 +101,7 @@ class Problem:
     title: str = ""
     source: str = ""
     reference: Reference | None = None
+    scene: Scene | None = None
 
     def __post_init__(self) -> None:
         checks.validate(self)
@@ -108,6 +110,9 @@ class Problem:
 
     def __repr__(self) -> str:
         return f"Problem({self.name!r}: states {', '.join(self.state_names)}; controls {', '.join(self.control_names)})"
+
+    def _repr_html_(self) -> str:
+        return notebook.problem_html(self)
 
     # -- symbols
 
@@ -194,27 +199,27 @@ class Problem:
     @cached_property
     def box(self) -> np.ndarray:
         """Bounds of the controls (2, nu): lower row, upper row."""
-        return self._rows(self.u, self.bounds)
+        return rows(self.u, self.bounds)
 
     @cached_property
     def state_box(self) -> np.ndarray:
         """Bounds of the states (2, nx), infinite where there are none."""
-        return self._rows(self.x, self.bounds)
+        return rows(self.x, self.bounds)
 
     @cached_property
     def parameter_box(self) -> np.ndarray:
         """Bounds of the parameters (2, np), infinite where there are none."""
-        return self._rows(self.p, self.bounds)
+        return rows(self.p, self.bounds)
 
     @cached_property
     def start_box(self) -> np.ndarray:
         """Interval of every initial state (2, nx)."""
-        return self._rows(self.x, self.start)
+        return rows(self.x, self.start)
 
     @cached_property
     def end_box(self) -> np.ndarray:
         """Interval of every final state (2, nx)."""
-        return self._rows(self.x, self.end)
+        return rows(self.x, self.end)
 
     @cached_property
     def initial_time_box(self) -> tuple[float, float]:
@@ -243,8 +248,3 @@ class Problem:
     def conditions(self) -> tuple[Condition, ...]:
         """The named end conditions of `target`."""
         return tuple(Condition(name, *relation(c, f"target '{name}'")) for name, c in self.target.items())
-
-    @staticmethod
-    def _rows(symbols: Expr, given: Mapping[Expr, Any]) -> np.ndarray:
-        parts = casadi.vertsplit(symbols) if symbols.numel() else []
-        return np.array([interval(given.get(part, free)) for part in parts], dtype=float).reshape(-1, 2).T

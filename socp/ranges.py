@@ -1,13 +1,14 @@
 """Numbers in a problem: intervals for bounds, ends and times, values for guesses, and what is wrong with them."""
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import casadi
 import numpy as np
 
 from socp.errors import ProblemError
-from socp.symbols import Expr, final_time, initial_time, is_logical, role, time
+from socp.symbols import Expr, final_time, free, initial_time, is_logical, role, time
 
 if TYPE_CHECKING:
     from socp.problem import Problem
@@ -29,6 +30,12 @@ def interval(value: Any) -> Interval:
         low, high = value
         return (-math.inf if low is None else _number(low), math.inf if high is None else _number(high))
     return (_number(value), _number(value))
+
+
+def rows(symbols: Expr, given: Mapping[Expr, Any]) -> np.ndarray:
+    """Return the intervals of symbols (n, 1) as an array (2, n), lower row, upper row; free where not given."""
+    parts = casadi.vertsplit(symbols) if symbols.numel() else []
+    return np.array([interval(given.get(part, free)) for part in parts], dtype=float).reshape(-1, 2).T
 
 
 def check(problem: "Problem") -> None:

@@ -77,12 +77,7 @@ class Search:
 
     def note(self, word: str, solution: Solution | None) -> None:
         """Keep what became of a word."""
-        if solution is None:
-            self.nodes.append(Node(word=word, stop="FAILED"))
-            return
-        verdict = solution.verdict
-        judged = {} if verdict is None else {"miss": verdict.miss, "residual": verdict.residual}
-        self.nodes.append(Node(word=word, stop=solution.stop.name, objective=solution.objective, **judged))
+        self.nodes.append(node(word, solution))
 
     @property
     def over(self) -> bool:
@@ -94,6 +89,15 @@ class Search:
     def spent(self) -> bool:
         """Whether the work or the number of words allowed is done."""
         return self.backend.left <= 0 or self.count >= _WORDS
+
+
+def node(word: str, solution: Solution | None) -> Node:
+    """Return what became of a word as a node."""
+    if solution is None:
+        return Node(word=word, stop="FAILED")
+    verdict = solution.verdict
+    judged = {} if verdict is None else {"miss": verdict.miss, "residual": verdict.residual}
+    return Node(word=word, stop=solution.stop.name, objective=solution.objective, **judged)
 
 
 def refine(
@@ -116,7 +120,7 @@ def refine(
         seen.add(now.key)
         search.count += 1
         word = str(Word(problem.control_names, now.arcs))
-        solution = _tried(problem, now, search.backend, search.watched(watch, word))
+        solution = tried(problem, now, search.backend, search.watched(watch, word))
         search.note(word, solution)
         if solution is None or not solution.stop.ok:
             if solution is not None and solution.stop is Stop.INTERRUPTED:
@@ -130,7 +134,7 @@ def refine(
     return search.best
 
 
-def _tried(problem: Problem, now: Candidate, backend: Ration, watch: Watch) -> Solution | None:
+def tried(problem: Problem, now: Candidate, backend: Ration, watch: Watch) -> Solution | None:
     """Solve along a candidate's word, with its laws boxed where they would leave the box; None where that fails."""
     word = Word(problem.control_names, now.arcs)
     try:

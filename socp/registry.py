@@ -1,26 +1,29 @@
 """The registry: methods, problems and listeners of installed packages; broken ones are kept apart with the reason."""
 
-import inspect
 import os
-import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from importlib import metadata
 from typing import TYPE_CHECKING, Any, Self, final
 
 import pluggy
 
 from socp import hookspecs
-from socp.entries import PLUGINS, PROBLEMS, Entry, Plugin, Status, explain, origin, package, points, suggest
+from socp.entries import PLUGINS, PROBLEMS, Entry, Plugin, Status, explain, origin, package, points, refusal, suggest
 from socp.errors import MethodError, ProblemError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from socp.method import Method
     from socp.problem import Problem
+    from socp.recording.guard import Guarded
     from socp.solution import Solution
 
 VARIABLE = "SOCP_PLUGINS"
-HOOKS = ("socp_methods", "socp_solved")
+LISTENERS = ("socp_solved", "socp_recorder")
+HOOKS = ("socp_methods", *LISTENERS)
 
 
 class PluginError(MethodError):
@@ -116,17 +119,41 @@ class Registry:
     def solved(self, problem: "Problem", solution: "Solution") -> list[str]:
         """Call the listeners, each by itself; returns one line for each that raised."""
         complaints = []
-        everyone = self.manager.get_plugins()
-        for plugin in self.plugins:
-            listener = self.manager.get_plugin(plugin.name)
-            if "socp_solved" not in plugin.hooks or listener is None:
-                continue
-            call = self.manager.subset_hook_caller("socp_solved", everyone - {listener})
+        for plugin, call in self._calls("socp_solved"):
             try:
                 call(problem=problem, solution=solution)
             except (Exception, SystemExit) as error:  # noqa: BLE001 - a listener's fault is not the solve's
                 complaints.append(f"plugin '{plugin.name}': socp_solved: {explain(error, origin(plugin.target))}")
         return complaints
+
+    def recorder(self, problem: "Problem", path: "Path | None", live: str = "", runs: int = 1) -> "Guarded":
+        """Return the first recorder that a plugin offers, guarded: it raises nothing and complains in a line.
+
+        MethodError says so where no plugin records.
+        """
+        from socp.recording.guard import Guarded
+
+        for plugin, call in self._calls("socp_recorder"):
+            explained = partial(_explained, plugin)
+            try:
+                answers = call(problem=problem, path=path, live=live, runs=runs)
+            except (Exception, SystemExit) as error:  # noqa: BLE001 - a recorder's fault is not the solve's
+                return Guarded(None, explained, [explained(error)])
+            if answers:
+                return Guarded(answers[0], explained)
+        raise MethodError("--record, --live: no plugin records; see 'socp plugins list'")
+
+    def _calls(self, hook: str) -> Iterator[tuple[Plugin, Any]]:
+        """Yield every plugin that implements a hook, with a caller for it alone."""
+        everyone = self.manager.get_plugins()
+        for plugin in self.plugins:
+            listener = self.manager.get_plugin(plugin.name)
+            if hook in plugin.hooks and listener is not None:
+                yield plugin, self.manager.subset_hook_caller(hook, everyone - {listener})
+
+
+def _explained(plugin: Plugin, error: BaseException) -> str:
+    return f"plugin '{plugin.name}': not recorded: {explain(error, origin(plugin.target))}"
 
 
 def as_problem(found: Any, where: str) -> "Problem":
@@ -172,13 +199,13 @@ def _load(
         return replace(plugin, status="failed", reason=explain(error, origin(point.value)), error=error)
     accepted, refusals = [], []
     for each in offered:
-        refusal = _refusal(each, methods)
-        if refusal:
-            refusals.append(refusal)
+        fault = refusal(each, methods)
+        if fault:
+            refusals.append(fault)
         else:
             methods[each.name] = each
             accepted.append(each.name)
-    useful = accepted or "socp_solved" in hooks
+    useful = accepted or set(LISTENERS) & set(hooks)
     status: Status = "loaded" if not refusals else "partly" if useful else "failed"
     if status != "failed":
         manager.register(module, name=point.name)
@@ -203,26 +230,3 @@ def _trial(module: Any) -> tuple[tuple[str, ...], list[Any]]:
             raise MethodError("socp_methods should return a list of methods")
         offered += answer
     return hooks, offered
-
-
-def _refusal(method: Any, methods: "Mapping[str, type[Method]]") -> str:
-    """Return why an object cannot be a method here, empty where it can."""
-    from socp.method import Method
-
-    if not (inspect.isclass(method) and issubclass(method, Method)):
-        return f"{method!r} is no subclass of socp.Method"
-    return next(_faults(method, methods), "")
-
-
-def _faults(method: Any, methods: "Mapping[str, type[Method]]") -> Iterator[str]:
-    name = getattr(method, "name", "")
-    if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
-        yield f"{method.__name__}: name {name!r}; it should be letters, digits and hyphens"
-    if inspect.isabstract(method):
-        yield f"{method.__name__} does not define {', '.join(sorted(method.__abstractmethods__))}"
-    if not is_dataclass(method) or not vars(method)["__dataclass_params__"].frozen:
-        yield f"{method.__name__} is no frozen dataclass; put @dataclass(frozen=True) above it"
-    if not isinstance(getattr(method, "source", None), str):
-        yield f"{method.__name__} has no source: say which paper the method comes from"
-    if name in methods:
-        yield f"there is a method '{name}' already, {methods[name].__module__}.{methods[name].__name__}"

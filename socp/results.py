@@ -13,6 +13,7 @@ import numpy as np
 
 from socp.arc import Arc
 from socp.errors import SolveError
+from socp.records import Agreement, Feasibility, Node
 from socp.verdict import Finding, Verdict
 
 SCHEMA = 1  # version of the result file; a reader refuses any other
@@ -27,9 +28,7 @@ def to_json(solution: Any) -> str:
     return json.dumps(_plain(document), allow_nan=False, indent=1)
 
 
-def read(
-    text: str, solution: Callable[..., T], stops: Any, feasibility: Callable[..., Any], node: Callable[..., Any]
-) -> T:
+def read(text: str, solution: Callable[..., T], stops: Any) -> T:
     """Return the solution that `to_json` wrote; SolveError says what is wrong with anything else."""
     try:
         document = json.loads(text)
@@ -38,13 +37,12 @@ def read(
             raise SolveError(f"result has schema {schema}; this socp reads schema {SCHEMA}")
         for derived in _DERIVED:
             document.pop(derived)
-        document["nodes"] = tuple(node(**_numbers(each)) for each in document["nodes"])
-        return solution(**{**document, **_fields(document, stops, feasibility)})
+        return solution(**{**document, **_fields(document, stops)})
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise SolveError(f"not a socp result: {type(error).__name__}: {error}") from error
 
 
-def _fields(document: Mapping[str, Any], stops: Any, feasibility: Callable[..., Any]) -> dict[str, Any]:
+def _fields(document: Mapping[str, Any], stops: Any) -> dict[str, Any]:
     """Return the fields that JSON does not hold as they are."""
     if not document["arcs"]:
         raise ValueError("it has no arcs")
@@ -60,23 +58,25 @@ def _fields(document: Mapping[str, Any], stops: Any, feasibility: Callable[..., 
         "trace": {name: tuple(map(_float, values)) for name, values in document["trace"].items()},
         "meshes": tuple(tuple(map(_float, mesh)) for mesh in document["meshes"]),
         "structure": {name: tuple((m, a, b) for m, a, b in row) for name, row in document["structure"].items()},
-        "verified": tuple(feasibility(**_feasibility(each)) for each in document["verified"]),
+        "nodes": tuple(Node(**_numbers(each)) for each in document["nodes"]),
+        "agreement": None if document["agreement"] is None else Agreement(**_numbers(document["agreement"])),
+        "verified": tuple(Feasibility(**_feasibility(each)) for each in document["verified"]),
         "verdict": None if document["verdict"] is None else _verdict(document["verdict"]),
         **{name: tuple(document[name]) for name in ("state_names", "control_names")},
     }
 
 
-def write_atomic(path: Path, text: str) -> None:
-    """Write text to a file beside `path`, then rename it; SolveError names the path where that fails."""
+def write_atomic(path: Path, content: str | bytes) -> None:
+    """Write text or bytes to a file beside `path`, then rename it; SolveError names the path where that fails."""
     try:
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
     except OSError as error:
         raise SolveError(f"{path}: cannot be written: {error.strerror or error}") from error
     try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
-            os.fsync(file.fileno())  # a rename may reach the disk before the text does
+            os.fsync(file.fileno())  # a rename may reach the disk before the content does
         Path(temporary).chmod(0o644)
         Path(temporary).replace(path)
     except OSError as error:

@@ -5,17 +5,21 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self, final
+from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 
-from socp import results
+from socp import notebook, results, tabular
 from socp.arc import Arc, Which, lagrange
 from socp.errors import SolveError
+from socp.records import Agreement, Feasibility, Node
 from socp.results import SCHEMA, write_atomic
 from socp.verdict import Verdict
 
-__all__ = ["SCHEMA", "Arc", "Feasibility", "Node", "Solution", "Stop", "Which", "lagrange", "write_atomic"]
+if TYPE_CHECKING:
+    from socp.problem import Problem
+
+__all__ = ["SCHEMA", "Agreement", "Arc", "Feasibility", "Node", "Solution", "Stop", "Which", "lagrange", "write_atomic"]
 
 
 class Stop(Enum):
@@ -35,52 +39,6 @@ class Stop(Enum):
 
 
 @final
-@dataclass(frozen=True, kw_only=True)
-class Feasibility:
-    """What an independent integration of the returned control says.
-
-    Every figure is relative to the problem's own magnitudes (see `socp.simulate.scales`). `miss`: worst violation of
-    start, end and target conditions by the re-integrated end point, at the condition `miss_at`; `path`: worst violation
-    of a state constraint along the way, at `path_at`; `box`: worst violation of a control bound; `drift`: largest
-    distance between the re-integrated and the returned states. `feedback` tells whether laws were integrated as
-    feedback (True) or the control as a function of time (False). `end` is the re-integrated final state (nx,), in the
-    problem's units. `error` holds the reason where the integration broke down.
-    """
-
-    miss: float
-    miss_at: str
-    path: float
-    path_at: str
-    box: float
-    drift: float
-    feedback: bool
-    end: tuple[float, ...] = ()
-    error: str = ""
-
-    @property
-    def worst(self) -> float:
-        """Largest of the violations, infinite where the integration broke down."""
-        figures = (self.miss, self.path, self.box)
-        return float("inf") if self.error or np.isnan(figures).any() else max(figures)
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class Node:
-    """One node of a search over words: what was tried and what came of it; nan where it is not known.
-
-    `bound` is a proved lower bound of the objective, `miss` and `residual` those of the node's verdict.
-    """
-
-    word: str
-    stop: str
-    objective: float = float("nan")
-    bound: float = float("nan")
-    miss: float = float("nan")
-    residual: float = float("nan")
-
-
-@final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Solution:
     """What a method returns: a point with its history, no claim.
@@ -89,7 +47,7 @@ class Solution:
     `seconds` is split into build and solve. `structure` gives every control's stretches (mode, start, end). `verified`
     holds the feasibility by time and, where the word has laws, by feedback; `verdict` is the judge's. `nodes`: what a
     search over words tried, in order; `meshes`: the ends of all intervals (k,), in time, of every mesh solved on
-    before this one.
+    before this one. `agreement`: how far apart two computations of this solution are, where there were two.
     """
 
     problem: str
@@ -111,6 +69,7 @@ class Solution:
     verdict: Verdict | None = None
     nodes: tuple[Node, ...] = ()
     meshes: tuple[tuple[float, ...], ...] = ()
+    agreement: Agreement | None = None
 
     @property
     def extremal(self) -> bool | None:
@@ -190,6 +149,22 @@ class Solution:
         variation: np.ndarray = np.abs(np.diff(np.hstack(pieces), axis=1)).sum(axis=1)
         return variation
 
+    def to_xarray(self, problem: "Problem | None" = None) -> Any:
+        """Return the values at the nodes as an xarray.Dataset; with the problem units and switching functions too."""
+        return tabular.to_xarray(self, problem)
+
+    def plot(self, problem: "Problem | None" = None, **look: Any) -> Any:
+        """Return a matplotlib Figure; with the problem bounds, switching functions and the scene too.
+
+        `look` is what `socp.figures.draw` takes: `panels`, `width` in inches, `stretch` for short arcs.
+        """
+        from socp import figures
+
+        return figures.draw(self, problem, **look)
+
+    def _repr_html_(self) -> str:
+        return notebook.solution_html(self)
+
     def to_json(self) -> str:
         """Return the result file's text: strict JSON with null for nan, floats that read back bit for bit."""
         return results.to_json(self)
@@ -197,7 +172,7 @@ class Solution:
     @classmethod
     def from_json(cls, text: str) -> Self:
         """Read what `to_json` wrote; SolveError says what is wrong with anything else."""
-        return results.read(text, cls, Stop, Feasibility, Node)
+        return results.read(text, cls, Stop)
 
     def save(self, path: str | Path) -> None:
         """Write the result file atomically: a reader sees the old file or the new one, never a part.

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import final
 
+from socp import notebook
+
 # a miss of one per cent of the states' own magnitude: what a second-order grid of some hundred steps reaches
 FEASIBLE = 1e-2
 # residuals of the principle, relative to the Hamiltonian's own terms: six digits, which no grid reaches by luck
@@ -99,6 +101,9 @@ class Verdict:
     def extremal(self) -> bool:
         """Whether every condition of the principle holds within `EXTREMAL`, feasibility and strict signs included."""
         return bool(self.findings) and not self.reasons
+
+    def _repr_html_(self) -> str:
+        return notebook.verdict_html(self, EXTREMAL)
 
     @property
     def rings(self) -> tuple[str, ...]:

@@ -60,7 +60,20 @@ def test_fuller_is_named_chattering_and_not_certified(registry: Registry) -> Non
     assert solution.verdict is not None
     assert solution.verdict.miss < 1e-6
     assert solution.objective > problem.reference.objective - problem.reference.tolerance  # no finite word reaches it
-    assert solution.objective == pytest.approx(problem.reference.objective, rel=1e-5)
+    assert solution.objective == pytest.approx(problem.reference.objective, rel=1e-10)
+    assert solution.word == "u: - + - + - s"
+    assert "best objective by number of switches 0: 20.8333333333, " in solution.message
+
+
+@pytest.mark.slow
+def test_a_limit_on_switches_is_kept_where_a_control_chatters(registry: Registry) -> None:
+    problem = load("fuller")
+    few = run(registry.method("auto")(max_switches=3), problem, default_guess(problem))
+    assert few.word == "u: - + - s"
+    assert few.objective == pytest.approx(0.13419707506, rel=1e-9)
+    many = run(registry.method("auto")(max_switches=0), problem, default_guess(problem))
+    assert "u: chattering" in many.message
+    assert "best objective by" not in many.message
 
 
 x, v = states("x v")

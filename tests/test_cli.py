@@ -15,9 +15,9 @@ from conftest import PLUGIN, Install
 from socp import Solution, controls, states
 from socp.cli import main
 from socp.cli.comparing import Row, best_of
-from socp.cli.formula import formula, number
 from socp.cli.options import build, shared
 from socp.errors import MethodError
+from socp.formula import formula, number
 from socp.guess import default_guess
 from socp.registry import Registry
 from socp.symbols import time

@@ -17,7 +17,7 @@ from socp.testing import assert_conforms, check_problem, conforms
 
 OWN = {  # method -> options that keep the suite quick
     "euler-ipopt": {"steps": 200}, "trapezoidal": {"steps": 100}, "hermite-simpson": {"steps": 60},
-    "lgr": {}, "lgr-multiphase": {},
+    "lgr": {}, "lgr-multiphase": {}, "mboc": {},
 }  # fmt: skip
 
 

@@ -15,10 +15,10 @@ from scipy.integrate import solve_ivp
 from socp import lawbook, laws
 from socp import points as sampled
 from socp.brackets import extended, flow, hamiltonian_value, switching_row
-from socp.cli.formula import formula
 from socp.errors import MethodError, ProblemError
 from socp.extremal import homogeneous
 from socp.factors import cramer, determinant, primitive, ratio
+from socp.formula import formula
 from socp.given import check_laws
 from socp.problem import Problem, controls, final_time, initial_time, parameters, states, time
 from socp.simplify import simplified

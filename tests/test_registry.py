@@ -23,7 +23,7 @@ BROKEN = {
                  "unknown hook 'socp_methds'; did you mean 'socp_methods'?"),
     "argument": (HOOK + "def socp_solved(problem, outcome):\n    pass\n", "outcome"),
     "unmarked": ("def socp_methods():\n    return []\n",
-                 "implements no hook; mark socp_methods or socp_solved with @hookimpl"),
+                 "implements no hook; mark socp_methods or socp_solved or socp_recorder with @hookimpl"),
     "nolist": (HOOK + "def socp_methods():\n    return 3\n", "socp_methods should return a list of methods"),
     "strange": (HOOK + "def socp_methods():\n    return [3]\n", "3 is no subclass of socp.Method"),
     "abstract": (PLUGIN.replace("def solve", "def solves").format(name="abstract"), "Mine does not define solve"),

@@ -74,13 +74,13 @@ class Ipopt:
         if equations > unknowns:
             return replace(guess, stop=Stop.INFEASIBLE, message=f"{equations} equations for {unknowns} unknowns")
         observer = _Observer(nlp, watch)
-        solver = _solver(nlp, observer, {**_DEFAULTS, **self.options})
-        built = time.perf_counter()
         given = {"x0": guess.v, "lbx": nlp.v_box[0], "ubx": nlp.v_box[1], "lbg": nlp.g_box[0], "ubg": nlp.g_box[1]}
         if guess.lam_v is not None and guess.lam_g is not None:
             given |= {"lam_x0": guess.lam_v, "lam_g0": guess.lam_g}
         try:
-            with _sigint(observer):
+            with _sigint(observer):  # from the start: raised in a callback, Ctrl-C would pass for a failure of casadi
+                solver = _solver(nlp, observer, {**_DEFAULTS, **self.options})
+                built = time.perf_counter()
                 result = solver(**given)
         except RuntimeError as error:
             raise SolveError(f"Ipopt could not run: {_last_line(error)}") from error

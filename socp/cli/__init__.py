@@ -1,11 +1,14 @@
 """The command line: a thin door to the library."""
 
+import os
 import sys
 from collections.abc import Sequence
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; what it needs is imported here, so that Ctrl-C is caught early."""
+    # the matrices here are small: threads of the linear algebra cost more than they bring, the more so side by side
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from socp.cli.app import run
 

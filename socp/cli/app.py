@@ -15,9 +15,13 @@ from rich.text import Text
 from socp.cli.checking import check
 from socp.cli.comparing import compare
 from socp.cli.describing import describe
+from socp.cli.exporting import export
 from socp.cli.listing import list_, methods, plugins
+from socp.cli.plotting import plot
+from socp.cli.recording import record, view
 from socp.cli.session import Exit, Session, messages
 from socp.cli.solving import solve
+from socp.cli.surveying import census, frontier
 from socp.errors import MethodError, ProblemError, SocpError
 from socp.registry import PluginError
 
@@ -35,6 +39,7 @@ Examples:
   socp solve problems/auv.py
   socp solve auv -m lgr-multiphase -o points=20 -o ipopt.tol=1e-10
   socp check auv.socp.json
+  socp plot auv.socp.json -o auv.pdf
   socp compare auv -m euler-ipopt -m trapezoidal -o steps=400
 """
 
@@ -55,7 +60,10 @@ def socp(context: click.Context, debug: bool, without: tuple[str, ...]) -> int:
     return Exit.SOLVED
 
 
-for _command in (solve, check, compare, describe, list_, methods, plugins):
+for _command in (
+    solve, check, compare, census, frontier, export, plot, record,
+    view, describe, list_, methods, plugins,
+):
     socp.add_command(_command)
 
 

@@ -14,6 +14,7 @@ from rich.text import Text
 from socp.cli.loading import load_problem
 from socp.cli.options import build, shared
 from socp.cli.progress import progress
+from socp.cli.recording import record_option, recording, told
 from socp.cli.session import Exit, Session, messages, results, show, write_json
 from socp.cli.show import facts, signed, small, switching, times, variations, worst
 from socp.errors import SocpError
@@ -21,6 +22,7 @@ from socp.errors import SocpError
 if TYPE_CHECKING:
     from socp.method import Method
     from socp.problem import Problem
+    from socp.recording.guard import Guarded
     from socp.solution import Solution
 
 FEASIBLE = 1e-6  # violation, relative, up to which objectives are compared with one another
@@ -46,27 +48,27 @@ class Row:
 @click.option("-m", "--method", "names", multiple=True, required=True, metavar="NAME", help="Method; give several.")
 @click.option("-o", "--option", "given", multiple=True, metavar="[METHOD.]KEY=VALUE",
               help="Option of one method, or of each that has it.")  # fmt: skip
+@record_option
 @click.option("--json", "as_json", is_flag=True, help="Write the table as JSON.")
 @click.option("--quiet", is_flag=True, help="Write no progress and no messages.")
 @click.pass_obj
-def compare(
-    session: Session, problem: str, names: tuple[str, ...], given: tuple[str, ...], as_json: bool, quiet: bool
-) -> int:  # fmt: skip
-    """Solve a problem with several methods, each from the default guess, and print one table; nothing is written.
+def compare(session: Session, /, problem: str, names: tuple[str, ...], given: tuple[str, ...], **how: Any) -> int:
+    """Solve a problem with several methods, each from the default guess, and print one table; no result is written.
 
     Errors are to the best objective: the lowest of those that re-integration finds feasible to 1e-6 (relative), or else
     that of the most feasible solution.
     """
-    session.quiet = quiet
+    session.quiet = quiet = how["quiet"]
     registry = session.registry()
     session.complain(registry)
     chosen = [registry.method(name) for name in dict.fromkeys(names)]
     options = shared(chosen, given)
     built = [build(method, options[method.name]) for method in chosen]
     posed = load_problem(problem, registry)
-    rows = [_solved(posed, method, quiet=quiet) for method in built]
+    with recording(session, registry, posed, how["record"], runs=len(built)) as recorder:
+        rows = [_solved(posed, method, recorder, quiet=quiet) for method in built]
     best = best_of(rows)
-    if as_json:
+    if how["as_json"]:
         write_json({"problem": posed.name, "best": best, "rows": [_record(posed, row, best) for row in rows]})
     else:
         show(_fitting(results(), posed, rows, best))
@@ -85,17 +87,18 @@ def best_of(rows: list[Row]) -> float:
     return min(found, key=worst).objective if found else math.nan
 
 
-def _solved(problem: "Problem", method: "Method", *, quiet: bool) -> Row:
+def _solved(problem: "Problem", method: "Method", recorder: "Guarded", *, quiet: bool) -> Row:
     from socp.chain import run
     from socp.guess import default_guess
 
     try:
         with progress(messages(), f"{problem.name}, {method.name}", quiet=quiet) as watch:
-            solution = run(method, problem, default_guess(problem), watch)
+            solution = run(method, problem, default_guess(problem), told(watch, recorder))
     except SocpError as error:
         return Row(method.name, error=str(error))
     if solution.stop.name == "INTERRUPTED":
         raise KeyboardInterrupt
+    recorder.finish(problem, solution)
     return Row(method.name, solution)
 
 

@@ -72,6 +72,26 @@ def load_guess(path: str, problem: "Problem") -> "Solution":
     return guess
 
 
+def load_result(path: str, given: str | None, registry: Registry) -> "tuple[Solution, Problem | None]":
+    """Return a saved result and its problem: the given one, or a registered one of the result's name and variables.
+
+    The problem is None where none is given and none is registered. SolveError and ProblemError as for their files.
+    """
+    from socp.solution import Solution
+
+    solution = Solution.load(path)
+    if given is not None:
+        problem = load_problem(given, registry)
+        return load_guess(path, problem), problem
+    if solution.problem not in registry.entries:
+        return solution, None
+    problem = registry.problem(solution.problem)
+    try:
+        return load_guess(path, problem), problem
+    except SolveError:  # another problem of the same name
+        return solution, None
+
+
 def _pick(module: ModuleType, path: Path, name: str) -> "Problem":
     from socp.problem import Problem
 

@@ -1,24 +1,28 @@
-"""Progress on stderr: one live line on a terminal, an occasional line elsewhere."""
+"""Progress on stderr: one live display on a terminal, an occasional line elsewhere."""
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, final
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.live import Live
+from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
     from socp.nlp import Progress, Watch
 
-_LIVE = 0.1  # seconds between two refreshes of the live line
+_LIVE = 0.1  # seconds between two refreshes of the live display
 _OCCASIONAL = 5.0  # seconds between two plain lines
+_PLAIN = "ipopt"  # a stage that says no more than that a programme is being solved
 
 
 @contextmanager
 def progress(console: Console, label: str, *, quiet: bool) -> "Iterator[Watch]":
-    """Yield a watch that shows the progress of a solve; a quiet one shows nothing."""
+    """Yield a watch that shows the progress of a solve or a search; a quiet one shows nothing."""
     from socp.nlp import silent
 
     if quiet:
@@ -27,28 +31,86 @@ def progress(console: Console, label: str, *, quiet: bool) -> "Iterator[Watch]":
         first = Text(f"{label}: building")
         with Live(first, console=console, transient=True, auto_refresh=False, redirect_stdout=False) as live:
             live.refresh()
-            yield _Throttled(lambda text: live.update(text, refresh=True), label, _LIVE, at_once=True)
+            yield Display(label, lambda view: live.update(view.table(), refresh=True), _LIVE)
     else:
-        yield _Throttled(lambda text: console.print(text, soft_wrap=True), label, _OCCASIONAL, at_once=False)
+        display = Display(label, lambda view: console.print(view.line(), soft_wrap=True), _OCCASIONAL)
+        display.due += _OCCASIONAL  # what is over soon needs no line
+        yield display
 
 
-class _Throttled:
-    """A watch that passes a line on at most once in so many seconds."""
+@final
+@dataclass(eq=False)
+class Display:
+    """A watch that keeps what it is told, and shows it at most once in so many seconds; other calls cost little.
 
-    def __init__(self, show: Callable[[Text], object], label: str, every: float, *, at_once: bool) -> None:
-        self.show, self.label, self.every = show, label, every
-        self.next = time.monotonic() + (0.0 if at_once else every)
+    `solves` counts the programmes begun, each by its iteration 0; what a later call does not tell stays as it was told.
+    """
+
+    label: str
+    show: Callable[["Display"], object]
+    every: float
+    began: float = field(default_factory=time.monotonic)
+    due: float = field(default_factory=time.monotonic)
+    solves: int = 0
+    now: "Progress | None" = None
+    word: str = ""
+    best: float = math.nan
+    violation: float = math.nan
 
     def __call__(self, progress: "Progress", /) -> bool:
-        now = time.monotonic()
-        if now >= self.next:
-            self.next = now + self.every
-            self.show(_line(self.label, progress))
+        """Take in what is told, and show it where that is due."""
+        if progress.iteration == 0:
+            self.solves += 1
+        if progress.word:
+            self.word = progress.word
+        if not math.isnan(progress.best):
+            self.best, self.violation = progress.best, progress.violation
+        self.now = progress
+        if time.monotonic() >= self.due:
+            self.show(self)
+            self.due = time.monotonic() + self.every
         return False
 
+    def facts(self) -> Iterator[tuple[str, str]]:
+        """Yield what is known, each with its label; the solver's own figures first."""
+        if self.now is None:
+            return
+        yield "iteration", f"{self.now.iteration}"
+        yield "objective", f"{self.now.objective:.9g}"
+        if not math.isnan(self.now.infeasibility):
+            yield "infeasibility", f"{self.now.infeasibility:.1e}"
+        if not math.isnan(self.best):
+            yield "best", f"{self.best:.9g}"
+        if not math.isnan(self.violation):
+            yield "violation", f"{self.violation:.1e}"
+        if self.word:
+            yield "word", self.word
+        yield "solves", f"{self.solves}"
+        yield "elapsed", f"{time.monotonic() - self.began:.0f} s"
 
-def _line(label: str, now: "Progress") -> Text:
-    return Text.assemble(
-        f"{label}: ", f"iteration {now.iteration:<5d}",
-        (f" objective {now.objective:<14.9g}", "cyan"), f" infeasibility {now.infeasibility:.1e}",
-    )  # fmt: skip
+    def stage(self) -> str:
+        """Return the phase of the work."""
+        told = "" if self.now is None else self.now.stage
+        return told.removesuffix(_PLAIN).removesuffix(", ")
+
+    def line(self) -> Text:
+        """Return all of it on one line."""
+        stage = f"{self.stage()}: " if self.stage() else ""
+        return Text(f"{self.label}: {stage}" + "  ".join(f"{name} {value}" for name, value in self.facts()))
+
+    def table(self) -> RenderableType:
+        """Return all of it as a small table, one fact a row."""
+        grid = Table.grid(padding=(0, 2, 0, 0))
+        grid.add_column(no_wrap=True, style="bold")
+        grid.add_column(overflow="ellipsis", no_wrap=True)
+        grid.add_row(Text(f"{self.label}:"), Text(self.stage(), "cyan"))
+        known = dict(self.facts())
+        paired = {"iteration": ("objective", "infeasibility"), "best": ("violation",), "solves": ("elapsed",)}
+        for name, value in known.items():
+            beside = paired.get(name)
+            if beside is not None:
+                more = "".join(f"   {each} {known[each]}" for each in beside if each in known)
+                grid.add_row(Text(name), Text(f"{value}{more}"))
+        if self.word:
+            grid.add_row(Text("word"), Text(self.word))
+        return grid

@@ -2,15 +2,18 @@
 
 import json
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from pathlib import Path
 from typing import Any, final
 
 import click
 from rich.console import Console, RenderableType
 from rich.text import Text
 
+from socp.errors import MethodError
 from socp.registry import Registry
 
 _PIPED = 200  # columns of what is not read on a terminal
@@ -58,6 +61,18 @@ class Session:
         """Write a message on stderr, unless quiet."""
         if not self.quiet:
             messages().print(Text(text), soft_wrap=True)
+
+
+def writable(path: Path, option: str = "--out") -> Path:
+    """Return a path that can be written; MethodError says before the solve, not after it, why one cannot."""
+    folder = path.parent
+    if path.is_dir():
+        raise MethodError(f"{option} {path}: is a directory; name a file in it")
+    if not folder.is_dir():
+        raise MethodError(f"{option} {path}: there is no directory {folder}")
+    if not os.access(folder, os.W_OK):
+        raise MethodError(f"{option} {path}: directory {folder.resolve()} cannot be written; name a file elsewhere")
+    return path
 
 
 def results() -> Console:

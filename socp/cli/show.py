@@ -94,6 +94,7 @@ def report(problem: "Problem", solution: "Solution", path: str) -> Table:
         grid.add_row("parameter", f"{name} = {value:.12g}")
     _labelled(grid, "word", (f"{name}: {_modes(row)}" for name, row in solution.structure.items()))
     _labelled(grid, "switches", (f"{name}: {times(each)}" for name, each in switching(solution).items()))
+    _labelled(grid, "digits", agreed(solution))
     grid.add_row("stop", Text(f"{solution.stop.value}", "green" if solution.stop.ok else "red"))
     if solution.message:
         grid.add_row("", Text(solution.message))
@@ -105,6 +106,15 @@ def report(problem: "Problem", solution: "Solution", path: str) -> Table:
     grid.add_row("seconds", f"{sum(seconds.values()):.2f} ({parts})")
     grid.add_row("result", Text(path))
     return grid
+
+
+def agreed(solution: "Solution") -> list[str]:
+    """Return how far two computations of a solution are apart, nothing where there was one alone."""
+    found = solution.agreement
+    if found is None:
+        return []
+    places = "" if not solution.switches else f", switching times within {small(found.switches)}"
+    return [f"{found.digits} of the objective: two computations differ by {small(found.objective)}{places}"]
 
 
 def sentence(found: "Feasibility") -> Text:

@@ -1,6 +1,5 @@
 """`socp solve`."""
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
@@ -10,7 +9,8 @@ import click
 from socp.cli.loading import load_guess, load_problem
 from socp.cli.options import DEFAULT_METHOD, build, pairs
 from socp.cli.progress import progress
-from socp.cli.session import Exit, Session, heading, messages, show, write_json
+from socp.cli.recording import live_option, record_option, recording, told
+from socp.cli.session import Exit, Session, heading, messages, show, writable, write_json
 from socp.cli.show import facts, report
 from socp.errors import MethodError, SolveError
 
@@ -27,18 +27,31 @@ class Asked:
     problem: str
     method: str
     options: tuple[str, ...]
+    digits: int | None
+    max_switches: int | None
     guess: str | None
     out: str | None
+    record: str | None
+    live: bool
     as_json: bool
     quiet: bool
+
+    def shortened(self) -> list[tuple[str, str]]:
+        """Return the options of the method that have a name of their own on the command line."""
+        given = {"digits": self.digits, "max_switches": self.max_switches}
+        return [(name, str(value)) for name, value in given.items() if value is not None]
 
 
 @click.command(short_help="Solve a problem with one method and write the result file.")
 @click.argument("problem", metavar="FILE_OR_NAME")
 @click.option("-m", "--method", default=DEFAULT_METHOD, show_default=True, help="Method, see 'socp methods'.")
 @click.option("-o", "--option", "options", multiple=True, metavar="KEY=VALUE", help="See 'socp describe METHOD'.")
+@click.option("--digits", type=int, metavar="N", help="The same as -o digits=N: digits to agree on.")
+@click.option("--max-switches", type=int, metavar="N", help="The same as -o max_switches=N: where a control chatters.")
 @click.option("--guess", metavar="FILE", help="Start from a saved result.")
 @click.option("--out", metavar="FILE", help="Result file.  [default: PROBLEM.socp.json]")
+@record_option
+@live_option
 @click.option("--json", "as_json", is_flag=True, help="Write the report as JSON.")
 @click.option("--quiet", is_flag=True, help="Write no progress and no messages.")
 @click.pass_obj
@@ -54,13 +67,15 @@ def solve(session: Session, /, **given: Any) -> int:
     session.quiet = asked.quiet
     registry = session.registry()
     session.complain(registry)
-    method = build(registry.method(asked.method), pairs(asked.options))
+    method = build(registry.method(asked.method), [*asked.shortened(), *pairs(asked.options)])
     problem = load_problem(asked.problem, registry)
     guess = _guess(asked.guess, problem) if asked.guess else default_guess(problem)
-    path = _writable(Path(asked.out or f"{problem.name}.socp.json"))
-    with progress(messages(), f"{problem.name}, {method.name}", quiet=asked.quiet) as watch:
-        solution = run(method, problem, guess, watch)
-    solution.save(path)
+    path = writable(Path(asked.out or f"{problem.name}.socp.json"))
+    with recording(session, registry, problem, asked.record, live=asked.live) as recorder:
+        with progress(messages(), f"{problem.name}, {method.name}", quiet=asked.quiet) as watch:
+            solution = run(method, problem, guess, told(watch, recorder))
+        solution.save(path)
+        recorder.finish(problem, solution)
     for line in registry.solved(problem, solution):
         session.warn(line)
     _show(problem, solution, path, as_json=asked.as_json)
@@ -85,15 +100,3 @@ def _guess(path: str, problem: "Problem") -> "Solution":
         return load_guess(path, problem)
     except SolveError as error:
         raise MethodError(f"--guess {error}") from error
-
-
-def _writable(path: Path) -> Path:
-    """Return a path that can be written; MethodError says before the solve, not after it, why one cannot."""
-    folder = path.parent
-    if path.is_dir():
-        raise MethodError(f"--out {path}: is a directory; name a file in it")
-    if not folder.is_dir():
-        raise MethodError(f"--out {path}: there is no directory {folder}")
-    if not os.access(folder, os.W_OK):
-        raise MethodError(f"--out {path}: directory {folder.resolve()} cannot be written; name a file elsewhere")
-    return path

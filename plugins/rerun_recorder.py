@@ -1,0 +1,186 @@
+"""Recordings of solves as rerun files (.rrd), and solves watched live in rerun's viewer."""
+
+import os
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+
+from socp import SolveError, hookimpl
+from socp.nlp import Progress
+from socp.problem import Problem
+from socp.recording.contents import Run, items, log10
+from socp.recording.items import PALETTE, Item, Note, Plane
+from socp.recording.layout import HELP, layout, streaming
+from socp.recording.plane import scale
+from socp.recording.summary import comparison
+from socp.recording.translate import blueprint, send
+from socp.scene import picture
+from socp.solution import Solution
+
+SCHEMA = 1  # version of what a recording holds, in its properties
+_FOOTER = b"RRF2FOOT"  # near the end of every file that was closed in order
+_EVERY = 0.2  # seconds between two writes while a solver runs
+_SHARE, _APART = 0.05, 1 / 12  # iterates take this share of the time at most, and wait for that share of it
+
+
+@hookimpl
+def socp_recorder(problem: Problem, path: Path | None, live: str, runs: int) -> "Recorder":
+    """Return a recorder of one solve, or of several runs side by side."""
+    return Recorder.open(problem, path, live, several=runs > 1)
+
+
+@final
+@dataclass(eq=False)
+class Recorder:
+    """A recording in progress: rerun's stream, and what is still to be written to it."""
+
+    stream: Any
+    path: Path | None
+    several: bool
+    problem: Problem
+    began: float = field(default_factory=time.monotonic)
+    written: float = 0.0
+    count: int = 0
+    rows: list[tuple[int, float, float]] = field(default_factory=list)
+    stage: str = ""
+    lifting: float = 0.0
+    lifted: float = 0.0
+    factors: tuple[float, float] | None = None
+    finished: list[Solution] = field(default_factory=list)
+    items: list[Item] = field(default_factory=list)
+
+    @classmethod
+    def open(cls, problem: Problem, path: Path | None, live: str, *, several: bool) -> "Recorder":
+        """Open the file, the viewer at the address `live`, or both; what rerun raises comes through."""
+        if os.environ.get("RERUN", "").lower() in {"off", "0", "false", "no"}:
+            raise SolveError("the environment variable RERUN turns rerun off")
+        os.environ.setdefault("RUST_LOG", "off")  # what goes wrong is found out below and told in one line
+        import rerun as rr
+
+        rr.set_strict_mode(True)
+        layout_name = f"socp-{problem.name}{'-compare' if several else ''}"
+        name = f"{problem.name}-{time.time_ns():x}"
+        stream = rr.RecordingStream(layout_name, recording_id=name)
+        stream.set_log_time_enabled(False)
+        if path is not None and live:
+            stream.set_sinks(rr.FileSink(str(path)), rr.GrpcSink(live))
+        elif path is not None:
+            stream.save(str(path))
+        else:
+            stream.connect_grpc(live)
+        stream.send_blueprint(blueprint(streaming(), "progress"))
+        stream.log("/help", rr.TextDocument(HELP, media_type=rr.MediaType.MARKDOWN), static=True)
+        for part, colour in (("objective", PALETTE[0]), ("infeasibility", PALETTE[1])):
+            stream.log(f"/progress/{part}", rr.SeriesLines(names=[part], colors=[colour], widths=[1.5]), static=True)
+        return cls(stream, path, several, problem)
+
+    def __call__(self, now: Progress, /) -> None:
+        """Keep the progress of an iteration, and write what has gathered once in a while."""
+        elapsed = time.monotonic() - self.began
+        self.rows.append((self.count, now.objective, now.infeasibility))
+        if (now.word or now.stage) != self.stage:
+            self.stage = now.word or now.stage
+            self._stage()
+        spent = self.lifting <= _SHARE * elapsed and elapsed - self.lifted >= _APART * elapsed
+        if now.iterate is not None and spent:
+            self._iterate(now)
+        self.count += 1
+        if elapsed - self.written >= _EVERY:
+            self.written = elapsed
+            self._write()
+
+    def finish(self, problem: Problem, solution: Solution) -> None:
+        """Write everything there is of a solution."""
+        self._write()
+        colour = PALETTE[len(self.finished) % len(PALETTE)]
+        among = picture(problem, self.finished[0]) if self.finished else None
+        run = Run(f"/runs/{solution.method}", colour, solution.method, among) if self.several else Run()
+        found = items(problem, solution, run)
+        for each in found:
+            if not (self.several and each.path == f"{run.root}/summary"):
+                send(self.stream, each)
+        self.finished.append(solution)
+        self.items += found
+
+    def close(self) -> None:
+        """Write the layout, close the file and make sure that it is whole; SolveError says what is wrong with it."""
+        self._write()
+        if self.finished:
+            self._conclude()
+        whole = True
+        try:
+            self.stream.flush(timeout_sec=30.0)
+        except RuntimeError:  # rerun's writer has given up
+            whole = False
+        self.stream.disconnect()
+        if self.path is not None and not (whole and _complete(self.path)):
+            raise SolveError(f"{self.path}: the recording is not whole; is the disk full?")
+
+    def _conclude(self) -> None:
+        import rerun as rr
+
+        first = self.finished[0]
+        about = {
+            "schema": SCHEMA,
+            "problem": self.problem.name,
+            "title": self.problem.title,
+            "runs": len(self.finished),
+        }
+        if self.several:
+            send(self.stream, Note(path="/summary", text=comparison(self.problem, self.finished)))
+            roots = [f"/runs/{each.method}" for each in self.finished]
+        else:
+            roots = [""]
+            about |= {"method": first.method, "stop": first.stop.name, "objective": first.objective, "word": first.word}
+            about |= {"extremal": str(first.extremal), **{f"version {k}": v for k, v in first.versions.items()}}
+        self.stream.send_property(
+            "socp", rr.AnyValues(**{key.replace(" ", "_"): value for key, value in about.items()})
+        )
+        self.stream.send_recording_name(f"{self.problem.name}: {', '.join(each.method for each in self.finished)}")
+        self.stream.send_blueprint(blueprint(layout(self.problem, first, self.items, roots, self.factors), "t"))
+
+    def _write(self) -> None:
+        import rerun as rr
+
+        if not self.rows:
+            return
+        index, objective, infeasibility = (np.array(column) for column in zip(*self.rows, strict=True))
+        self.rows.clear()
+        at = rr.TimeColumn("progress", sequence=index.astype(int))
+        for name, values in (("objective", objective), ("infeasibility", log10(infeasibility))):
+            self.stream.send_columns(f"/progress/{name}", [at], rr.Scalars.columns(scalars=values))
+
+    def _stage(self) -> None:
+        import rerun as rr
+
+        self.stream.set_time("progress", sequence=self.count)
+        self.stream.log("/progress/stage", rr.StateChange(state=self.stage))
+
+    def _iterate(self, now: Progress) -> None:
+        """Draw the path of an iterate."""
+        import rerun as rr
+
+        began = time.monotonic()
+        seen = picture(self.problem, now.iterate()) if now.iterate is not None else None
+        if seen is not None and np.isfinite(seen.path).all():
+            self.stream.set_time("progress", sequence=self.count)
+            if self.factors is None:
+                self.factors = scale(seen)
+                send(self.stream, Plane(path="/progress/plan", scale=self.factors))
+            line = rr.LineStrips2D([seen.path.T], colors=[PALETTE[0]], radii=rr.Radius.ui_points(1.5))
+            self.stream.log("/progress/plan/iterate", line)
+        ended = time.monotonic()
+        self.lifting += ended - began
+        self.lifted = ended - self.began
+
+
+def _complete(path: Path) -> bool:
+    """Tell whether a file ends as rerun ends those that it closes in order."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - 64))
+        return _FOOTER in file.read()

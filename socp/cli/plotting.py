@@ -1,0 +1,59 @@
+"""`socp plot`: a figure of a saved result."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+import click
+
+from socp.cli.exporting import stem
+from socp.cli.loading import load_result
+from socp.cli.session import Exit, Session
+from socp.errors import MethodError
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What `socp plot` was asked for."""
+
+    result: str
+    out: str | None
+    panels: str | None
+    width: float
+    stretch: bool
+    problem: str | None
+
+
+@click.command(short_help="Draw a figure of a saved result.")
+@click.argument("result", metavar="RESULT")
+@click.option("-o", "--out", metavar="FILE", help="File, .png, .svg or .pdf.  [default: RESULT.svg]")
+@click.option("--panels", metavar="NAME,...", help="Some of the panels below.  [default: all but hamiltonian]")
+@click.option("--width", type=click.FloatRange(2, 30), default=7.0, metavar="INCHES", help="Width.  [default: 7]")
+@click.option("--stretch", is_flag=True, help="Widen short arcs on the time axis.")
+@click.option("--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: the name in the result]")
+@click.pass_obj
+def plot(session: Session, /, **given: Any) -> int:
+    """Draw controls with their arcs, switching functions, states, costates and the path of a saved result.
+
+    Panels: scene, controls, switching, states, costates, multipliers, hamiltonian. What is not known is left out:
+    bounds, switching functions, units and the scene need the problem. Below 5 inches they stand in one column.
+    """
+    from socp import figures
+    from socp.solution import write_atomic
+
+    asked = Asked(**given)
+    path = Path(asked.out or f"{stem(asked.result)}.svg")
+    ending = path.suffix.removeprefix(".").lower()
+    if ending not in figures.ENDINGS:
+        endings = ", ".join(f".{each}" for each in figures.ENDINGS)
+        raise MethodError(f"-o {path}: it ends with '{path.suffix}'; figures end with {endings}")
+    panels = asked.panels.replace(" ", "").split(",") if asked.panels else figures.DEFAULT
+    figures.check(panels)
+    solution, problem = load_result(asked.result, asked.problem, session.registry())
+    if problem is None:
+        session.note(f"problem '{solution.problem}' is not registered: no bounds and no scene; give --problem FILE")
+    figure = figures.draw(solution, problem, panels, width=asked.width, stretch=asked.stretch)
+    write_atomic(path, figures.to_bytes(figure, ending))
+    click.echo(path)
+    return Exit.SOLVED

@@ -1,0 +1,130 @@
+"""`socp record`, `socp view`, and the options of other commands that record what they do."""
+
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from socp.cli.loading import load_result
+from socp.cli.session import Exit, Session, writable
+from socp.errors import ProblemError, SolveError
+from socp.registry import Registry
+
+if TYPE_CHECKING:
+    from socp.nlp import Progress, Watch
+    from socp.problem import Problem
+    from socp.recording.guard import Guarded
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+ENDING = ".rrd"
+
+
+def record_option(command: Command) -> Command:
+    """Add `--record` to a command."""
+    return click.option("--record", metavar="FILE", help="Record the solve for rerun's viewer, in a file .rrd.")(
+        command
+    )
+
+
+def live_option(command: Command) -> Command:
+    """Add `--live` to a command."""
+    return click.option("--live", is_flag=True, help="Show the solve in rerun's viewer while it runs.")(command)
+
+
+@contextmanager
+def recording(
+    session: Session, registry: Registry, problem: "Problem", record: str | None, *, live: bool = False, runs: int = 1
+) -> "Iterator[Guarded]":
+    """Yield a recorder for the file and the viewer that were asked for; one without either records nothing.
+
+    What goes wrong with it becomes one warning. MethodError, before anything is solved, says why the file cannot be
+    written or that no plugin records.
+    """
+    from socp.recording.guard import Guarded
+
+    path = None if record is None else writable(Path(record), "--record")
+    address = _viewer(session) if live else ""
+    if path is None and not address:
+        yield Guarded(None)
+        return
+    recorder = registry.recorder(problem, path, address, runs)
+    try:
+        yield recorder
+    finally:
+        whole = recorder.close()
+        for line in recorder.complaints:
+            session.warn(line)
+        if whole and path is not None:
+            session.note(f"recording in {path}; see it with: socp view {path}")
+
+
+def told(watch: "Watch", recorder: "Guarded") -> "Watch":
+    """Return a watch that tells a recorder of the progress as well; the recorder never stops a solve."""
+    if recorder.recorder is None:
+        return watch
+
+    def see(now: "Progress", /) -> bool:
+        recorder(now)
+        return watch(now)
+
+    return see
+
+
+@click.command(short_help="Record a saved result for rerun's viewer.")
+@click.argument("result", metavar="RESULT")
+@click.option("-o", "--out", metavar="FILE", help="Recording.  [default: RESULT with the ending .rrd]")
+@click.option("--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: the name in the result]")
+@click.pass_obj
+def record(session: Session, /, result: str, out: str | None, problem: str | None) -> int:
+    """Record a saved result: the file .rrd opens in rerun's viewer, with 'socp view'."""
+    name = Path(result).name.removesuffix(".json").removesuffix(".socp")
+    path = writable(Path(out or f"{name}{ENDING}"), "--out")
+    _record(session.registry(), result, problem, path)
+    click.echo(path)
+    return Exit.SOLVED
+
+
+@click.command(short_help="Open a recording or a saved result in rerun's viewer.")
+@click.argument("source", metavar="FILE")
+@click.option("--problem", metavar="FILE_OR_NAME", help="Problem of a result.  [default: the name in the result]")
+@click.pass_obj
+def view(session: Session, /, source: str, problem: str | None) -> int:
+    """Open a recording .rrd, or a saved result, in rerun's native viewer, which listens on this computer alone."""
+    from socp.recording import viewer
+
+    path = Path(source)
+    if not path.is_file():
+        raise SolveError(f"{path}: there is no such file")
+    if path.suffix == ENDING:
+        viewer.show(path)
+        return Exit.SOLVED
+    with tempfile.TemporaryDirectory(prefix="socp-") as folder:
+        made = Path(folder) / f"{path.name.removesuffix('.json').removesuffix('.socp')}{ENDING}"
+        _record(session.registry(), source, problem, made)
+        viewer.show(made)
+    return Exit.SOLVED
+
+
+def _record(registry: Registry, result: str, given: str | None, path: Path) -> None:
+    """Record a saved result; SolveError says why it cannot be, ProblemError that its problem is not known."""
+    solution, problem = load_result(result, given, registry)
+    if problem is None:
+        raise ProblemError(f"{result}: its problem '{solution.problem}' is not registered; give --problem FILE")
+    recorder = registry.recorder(problem, path)
+    recorder.finish(problem, solution)
+    recorder.close()
+    if recorder.complaints:
+        raise SolveError(recorder.complaints[0])
+
+
+def _viewer(session: Session) -> str:
+    from socp.recording import viewer
+
+    try:
+        return viewer.ready()
+    except SolveError as error:
+        session.warn(f"--live: {error}")
+        return ""

@@ -1,0 +1,64 @@
+"""Coarse nodes of a search over words: one word, one interval an arc, ends that may be missed at a price."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import final
+
+from socp.backends import Ipopt
+from socp.collocate import uniform
+from socp.errors import MethodError, SolveError
+from socp.following import sound
+from socp.mending import Candidate
+from socp.method import solve_collocated
+from socp.nlp import Watch, silent
+from socp.phases import PhasedProblem, follow
+from socp.problem import Problem
+from socp.refine import Ration
+from socp.schemes import lgr
+from socp.solution import Solution
+from socp.word import Word
+
+_STEP, _DEAREST = 10.0, 1e3  # times the first price of missing an end
+# to compare words takes no more digits; the word before is near, and a large barrier would lead away from it
+_OPTIONS = {"tol": 1e-8, "max_iter": 100, "mu_init": 1e-3}
+
+
+@final
+@dataclass(eq=False)
+class Coarse:
+    """Solves along words with `points` collocation points an arc and no more work than the ration allows.
+
+    softly: returns the problem with softened ends, at its price times a factor.
+    """
+
+    problem: Problem
+    softly: Callable[[float], Problem]
+    points: int
+    ration: Ration
+    price: float = 1.0
+
+    def __call__(self, now: Candidate, watch: Watch = silent) -> Solution | None:
+        """Solve along a word, its laws boxed where they would leave the box; None where there is no such programme."""
+        try:
+            phased = follow(self.problem, Word(self.problem.control_names, now.arcs))
+            solution = self._solved(phased, now, watch)
+            if solution.stop.ok and not sound(self.problem, solution):
+                boxed = replace(phased, phases=tuple(replace(phase, boxed=True) for phase in phased.phases))
+                kept = self._solved(boxed, now, watch)
+                solution = kept if kept.stop.ok else solution
+        except (MethodError, SolveError):
+            return None
+        return solution
+
+    def dearer(self) -> bool:
+        """Raise the price of missing an end; False where it is as high as it may be."""
+        self.price *= _STEP
+        return self.price <= _DEAREST
+
+    def _solved(self, phased: PhasedProblem, now: Candidate, watch: Watch) -> Solution:
+        meshes = [uniform(lgr(self.points), 1)] * len(phased.phases)
+        ration = Ration(self.ration.left, Ipopt(_OPTIONS))
+        soft = replace(phased, of=self.softly(self.price))
+        solution = solve_collocated(soft, meshes, ration, now.guess(), watch, longer=False)
+        self.ration.left = ration.left
+        return solution

@@ -1,0 +1,69 @@
+"""Finished starts of a census, kept on disk: what they came to, as data, for one formula of a problem."""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+import casadi
+
+from socp import checks
+from socp.errors import SolveError
+from socp.extremals import Outcome
+from socp.guess import default_guess
+from socp.problem import Problem
+from socp.results import write_atomic
+from socp.solution import Solution
+from socp.symbols import final_time, initial_time, time
+
+_SCHEMA = 1  # version of the files
+
+
+@final
+@dataclass(frozen=True)
+class Kept:
+    """A directory of finished starts, one JSON file each; files of another problem or recipe count for nothing."""
+
+    folder: Path
+    key: str
+
+    def read(self) -> dict[int, Outcome]:
+        """Return the outcomes that are there, by number; what cannot be read is not there."""
+        found = {}
+        for path in sorted(self.folder.glob("start-*.json")):
+            try:
+                document = json.loads(path.read_text(encoding="utf-8"))
+                if document["schema"] == _SCHEMA and document["key"] == self.key:
+                    result = document["result"]
+                    solution = None if result is None else Solution.from_json(json.dumps(result))
+                    outcome = Outcome(int(document["start"]), document["about"], solution, document["error"])
+                    found[outcome.number] = outcome
+            except (OSError, ValueError, KeyError, TypeError, SolveError):
+                continue
+        return found
+
+    def write(self, outcome: Outcome) -> None:
+        """Keep an outcome; SolveError names the file that cannot be written."""
+        path = self.folder / f"start-{outcome.number:04d}.json"
+        result = None if outcome.solution is None else json.loads(outcome.solution.to_json())
+        document = {"schema": _SCHEMA, "key": self.key, "start": outcome.number, "about": outcome.about}
+        try:
+            self.folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise SolveError(f"{self.folder}: cannot be made: {error.strerror or error}") from error
+        write_atomic(path, json.dumps({**document, "error": outcome.error, "result": result}, allow_nan=False))
+
+
+def fingerprint(problem: Problem, recipe: str) -> str:
+    """Return a hash of a problem's formula, its bounds and its guess, of the recipe of starts and a version of socp."""
+    arguments = [problem.x, problem.u, problem.x0, problem.p, time, initial_time, final_time]
+    formula = casadi.Function("problem", arguments, checks.expressions(problem)).serialize()
+    guess = default_guess(problem)
+    boxes = [getattr(problem, f"{name}_box").tolist() for name in ("state", "parameter", "start", "end")]
+    times = (problem.initial_time_box, problem.final_time_box, problem.box.tolist())
+    names = (problem.state_names, problem.control_names, problem.parameter_names, [c.name for c in problem.constraints])
+    relations = [(c.name, c.equation) for c in problem.conditions]
+    values = [guess.t.tolist(), guess.rows("x").tolist(), guess.rows("u").tolist(), dict(guess.parameters)]
+    text = repr((recipe, formula, boxes, times, names, relations, values))
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,74 @@
+"""Jobs over worker processes: a worker that dies costs its job alone, and whoever waits can stop them all."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, TypeVar
+
+from socp.nlp import Progress
+
+T = TypeVar("T")
+_HERE: list[Any] = []  # in a worker: the event that asks it to stop
+
+
+def worked(task: Callable[[int], T], numbers: Sequence[int], jobs: int) -> Iterator[tuple[int, T | None]]:
+    """Yield every number with what the task makes of it in a process of its own, as it comes; None: its worker died.
+
+    Where a worker dies, all that were under way are tried again, each alone; the one whose worker dies again is to
+    blame. The task is pickled. Closing the iterator asks the workers to stop, by `asked`, and waits for them.
+    """
+    waiting = deque(numbers)
+    while waiting:
+        suspects = yield from _pooled(task, waiting, jobs)
+        for number in suspects:
+            if (yield from _pooled(task, deque([number]), 1)):
+                yield number, None
+
+
+def asked(_progress: Progress, /) -> bool:
+    """Watch for the wish, seen in a worker, that it should stop."""
+    return bool(_HERE) and bool(_HERE[0].is_set())
+
+
+def _pooled(
+    task: Callable[[int], T], waiting: deque[int], jobs: int
+) -> Generator[tuple[int, T | None], None, list[int]]:
+    """Work a queue off with one pool of processes; returns the numbers that were under way when a worker died."""
+    context = multiprocessing.get_context("spawn")
+    stop, running = context.Event(), dict[Future[T], int]()
+    pool = ProcessPoolExecutor(min(jobs, len(waiting)), context, _begin, (stop,))
+    try:
+        while waiting or running:
+            while waiting and len(running) < jobs:  # no more than are worked on: the others are not under suspicion
+                running[pool.submit(task, waiting[0])] = waiting[0]
+                waiting.popleft()
+            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in [each for each in done if not isinstance(each.exception(), BrokenProcessPool)]:
+                yield running.pop(future), future.result()
+            if any(isinstance(each.exception(), BrokenProcessPool) for each in done):
+                break
+    except BrokenProcessPool:  # it was found broken when the next job was handed in
+        pass
+    finally:
+        stop.set()
+        pool.shutdown(cancel_futures=True)
+    return sorted(running.values())
+
+
+def _begin(stop: Any) -> None:
+    """Prepare a worker: Ctrl-C is its parent's business, and it does not outlive that parent."""
+    _HERE[:] = [stop]
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_follow_parent, daemon=True).start()
+
+
+def _follow_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
