@@ -26,22 +26,27 @@ from socp.branching import Branching, Child
 from socp.chain import judge
 from socp.coarse import Coarse
 from socp.errors import SolveError
+from socp.guess import arranged
 from socp.hidden import revealed
+from socp.junctions import chattering
 from socp.mending import Candidate, merged, without
 from socp.modes import arc_modes
 from socp.principle import Modes
-from socp.refine import Ration, chattering
+from socp.refine import Ration
 from socp.rounding import rounded
 from socp.schemes import radau_iia
 from socp.scouting import scouts
 from socp.softening import softened
 from socp.solution import Stop
 from socp.word import Mode, Word
+from socp.words import all_words, count
 
 _DIRECT = Ipopt({"max_iter": 500})  # what a direct solve has not reached by then it hardly ever reaches
 _STEPS = 50  # intervals of the finer direct solves, where the scouts' words lead nowhere
 _MOST = 12  # switches that are tried where their number is not given
 _ROUNDED = 6  # switches of the first rounding there
+_FEW = 50  # words within the bound: so many are all looked at where the search certifies none
+_ALIKE = 2e-3  # relative: coarse solutions differ by so much from what they stand for
 _SHORT = 1e-6  # of the horizon: an arc that shrinks to this is none
 
 
@@ -55,7 +60,7 @@ class Mboc(Method):
     switches: str = option("auto", "most switches that the word may have, or auto: as few as it takes")
     points: int = option(12, "collocation points an arc during the search", least=2)
     solver: str = option("search", "search over words, or bonmin, scip, gdpopt, mindtpy, knitro, gurobi")
-    time: float = option(60.0, "seconds after which the search gives its best", least=0.0)
+    time: float = option(60.0, "seconds after which the search gives its best", least=0)
     starts: int = option(12, "coarse solves from scattered guesses, at most, to find the best extremal", least=1)
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
@@ -107,6 +112,9 @@ class Mboc(Method):
                 branching.coarse.softly = cache(partial(softened, problem, direct))
                 branching.queue += [Child(direct.objective, each) for each in seeds]
                 branching.search(watch)
+        if not branching.over:
+            branching.queue += _others(branching, directs)
+            branching.search(watch)
 
     def _directs(self, problem: Problem, guess: Solution, watch: Watch) -> Iterator[Solution]:
         """Yield direct solutions, the coarse ones first, the best of them at the head."""
@@ -156,13 +164,14 @@ class Mboc(Method):
             if not ok or interrupted:
                 return replace(directs[-1], stop=Stop.INTERRUPTED) if interrupted else directs[-1]
             best = min((judge(branching.coarse.problem, each) for each in (ok[0], *ok[1:][-1:])), key=_missed)
-        text = "; ".join(filter(None, (best.message, self._explained(branching, directs, best))))
+        said = "" if self.solver == "search" else f"{self.solver}: {directs[-1].message}"
+        text = "; ".join(filter(None, (best.message, said, self._explained(branching, directs, best))))
         return replace(best, message=text, stop=Stop.INTERRUPTED if interrupted else best.stop)
 
     def _explained(self, branching: Branching, directs: list[Solution], best: Solution) -> str:
         """Say what is known of all words, and which arc is missing where the word found is no extremal."""
         if best.extremal and branching.best is not None:
-            better = [each.objective for each in directs if each.objective < best.objective * (1.0 - 1e-3)]
+            better = [each for each in directs if best.objective - each.objective > _ALIKE * abs(best.objective)]
             known = branching.ledger.text(branching.switches, closed=not better)
             return f"{known}; it holds as far as a local solver's solutions are the best there are"
         direct = "" if branching.best else "no word of these meets the ends, and this is a direct solution"
@@ -171,6 +180,18 @@ class Mboc(Method):
         if names:
             parts.append(f"{', '.join(names)}: chattering, which no finite number of switches allows")
         return "; ".join(filter(None, parts))
+
+
+def _others(branching: Branching, directs: Sequence[Solution]) -> Iterator[Child]:
+    """Yield all words within the bound that nothing is known of, if they are few, cut where a direct solution fits."""
+    problem, near = branching.coarse.problem, next((each for each in directs if each.stop.ok), None)
+    if near is None or count(len(branching.modes), branching.switches) > _FEW:
+        return
+    for letters in all_words(branching.modes, branching.switches):
+        if not branching.ledger.knows(letters):
+            cut = arranged(problem, near, Word(problem.control_names, letters))
+            edges = (cut.initial_time, *cut.junctions.tolist(), cut.final_time)
+            yield Child(near.objective, Candidate(letters, edges, near))
 
 
 def _missing(branching: Branching, best: Solution) -> str:

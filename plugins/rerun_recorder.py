@@ -86,15 +86,20 @@ class Recorder:
             self._stage()
         spent = self.lifting <= _SHARE * elapsed and elapsed - self.lifted >= _APART * elapsed
         if now.iterate is not None and spent:
-            self._iterate(now)
+            began = time.monotonic()
+            self._iterate(now.iterate())
+            ended = time.monotonic()
+            self.lifting, self.lifted = self.lifting + ended - began, ended - self.began
         self.count += 1
         if elapsed - self.written >= _EVERY:
             self.written = elapsed
             self._write()
 
     def finish(self, problem: Problem, solution: Solution) -> None:
-        """Write everything there is of a solution."""
+        """Write everything there is of a solution; its path is the last of the iterates."""
         self._write()
+        if self.count and not self.several:
+            self._iterate(solution)
         colour = PALETTE[len(self.finished) % len(PALETTE)]
         among = picture(problem, self.finished[0]) if self.finished else None
         run = Run(f"/runs/{solution.method}", colour, solution.method, among) if self.several else Run()
@@ -159,22 +164,19 @@ class Recorder:
         self.stream.set_time("progress", sequence=self.count)
         self.stream.log("/progress/stage", rr.StateChange(state=self.stage))
 
-    def _iterate(self, now: Progress) -> None:
-        """Draw the path of an iterate."""
+    def _iterate(self, now: Solution) -> None:
+        """Draw the path of an iterate, and keep account of what that took."""
         import rerun as rr
 
-        began = time.monotonic()
-        seen = picture(self.problem, now.iterate()) if now.iterate is not None else None
-        if seen is not None and np.isfinite(seen.path).all():
-            self.stream.set_time("progress", sequence=self.count)
-            if self.factors is None:
-                self.factors = scale(seen)
-                send(self.stream, Plane(path="/progress/plan", scale=self.factors))
-            line = rr.LineStrips2D([seen.path.T], colors=[PALETTE[0]], radii=rr.Radius.ui_points(1.5))
-            self.stream.log("/progress/plan/iterate", line)
-        ended = time.monotonic()
-        self.lifting += ended - began
-        self.lifted = ended - self.began
+        seen = picture(self.problem, now)
+        if not np.isfinite(seen.path).all():
+            return
+        self.stream.set_time("progress", sequence=self.count)
+        if self.factors is None:
+            self.factors = scale(seen)
+            send(self.stream, Plane(path="/progress/plan", scale=self.factors))
+        line = rr.LineStrips2D([seen.path.T], colors=[PALETTE[0]], radii=rr.Radius.ui_points(1.5))
+        self.stream.log("/progress/plan/iterate", line)
 
 
 def _complete(path: Path) -> bool:

@@ -8,12 +8,11 @@ and judged, and the judge's findings are its children where it is no extremal.
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import final
 
 import numpy as np
 
-from socp.coarse import Coarse
+from socp.coarse import Coarse, staggered, trimmed
 from socp.following import sound
 from socp.insertion import insertions, magnitude
 from socp.mending import Candidate, mends, merged, planted, without
@@ -32,6 +31,7 @@ _PAYS = 1e-6  # of the Hamiltonian's terms, beside how far the mesh is off: belo
 _MISSED = 1e-6  # of the states: softened ends are met up to the solver's tolerance
 _CHILDREN = 6  # insertions tried of one node, the steepest ones
 _LOOKED = 0.02  # of an arc: the length of an insertion by which children are compared
+_EQUAL = 1e-8  # of the objective: an arc that is worth less is not needed
 _LATER = 1e-3  # of the objective: by how much what is merely possible waits for what is promising
 _SLIGHT = 3e-5  # of the objective: what the best child promises then is worth no more than the judge's word
 _NODES = 60  # words tried with one bound on the switches
@@ -150,7 +150,7 @@ class Branching:
             self._note(now, solution)
             self.ledger.failed.add(now.arcs)
             later = abs(child.rank) * _LATER
-            self.queue += [Child(child.rank + later * (k + 1), c) for k, c in enumerate(_staggered(now))]
+            self.queue += [Child(child.rank + later * (k + 1), c) for k, c in enumerate(staggered(now))]
             return
         self._note(now, solution)
         self.ledger.solved.add(now.arcs)
@@ -170,7 +170,7 @@ class Branching:
         if len(short.arcs) - 1 > self.switches:
             self.beyond.append((replace(child, rank=solution.objective, candidate=short), solution))
             return
-        if self.lead is None or solution.objective < self.lead.source.objective:
+        if self.lead is None or solution.objective < self._worth(self.lead, short):
             self.lead = short
         if not sound(self.coarse.problem, solution):
             self.queue += self._ranked(mends(self.coarse.problem, full, solution), solution.objective)
@@ -182,7 +182,16 @@ class Branching:
             self.tried.clear()
             self.lead = None
         elif not children:
-            self.verify(short, watch)
+            fewer = trimmed(short)
+            if fewer is None or fewer.key in self.tried:
+                self.verify(short, watch)
+            else:  # first see whether the arc is needed
+                self.queue.append(Child(solution.objective - 2.0 * _SLIGHT * abs(solution.objective), fewer))
+
+    def _worth(self, lead: Candidate, other: Candidate) -> float:
+        """Return what another word has to be below to take the lead: a little more if it has fewer arcs."""
+        more = _EQUAL if len(other.arcs) < len(lead.arcs) else 0.0
+        return lead.source.objective + more * abs(lead.source.objective)
 
     def _insertions(self, now: Candidate, solution: Solution) -> Iterator[Child]:
         """Yield the words whose additional arc lowers the objective; enter those whose does not in the ledger."""
@@ -213,6 +222,7 @@ class Branching:
             if solution is not None and solution.stop is Stop.INTERRUPTED:
                 self.stopped = solution.stop.value
             return
+        self.ledger.solved.add(now.arcs)
         if solution.extremal or self.best is None or _order(solution) < _order(self.best):
             self.best = solution
         if not solution.extremal:
@@ -235,12 +245,3 @@ class Branching:
 
 def _order(solution: Solution) -> tuple[bool, float]:
     return (solution.verdict is None or not solution.verdict.miss <= 1e-6, solution.objective)
-
-
-def _staggered(now: Candidate) -> Iterator[Candidate]:
-    """Yield words in which controls that switch at once switch one after the other."""
-    for k, (before, after) in enumerate(pairwise(now.arcs)):
-        for i, (a, b) in enumerate(zip(before, after, strict=True)):
-            between = (*before[:i], b, *before[i + 1 :])
-            if a != b and between != after:
-                yield planted(now, between, now.edges[k + 1] - 1e-9 * (now.edges[-1] - now.edges[0]))

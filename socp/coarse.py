@@ -1,14 +1,17 @@
 """Coarse nodes of a search over words: one word, one interval an arc, ends that may be missed at a price."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import final
+
+import numpy as np
 
 from socp.backends import Ipopt
 from socp.collocate import uniform
 from socp.errors import MethodError, SolveError
 from socp.following import sound
-from socp.mending import Candidate
+from socp.mending import Candidate, merged, planted, without
 from socp.method import solve_collocated
 from socp.nlp import Watch, silent
 from socp.phases import PhasedProblem, follow
@@ -18,6 +21,7 @@ from socp.schemes import lgr
 from socp.solution import Solution
 from socp.word import Word
 
+_TINY = 1e-3  # of the horizon: an arc as short is tried without
 _STEP, _DEAREST = 10.0, 1e3  # times the first price of missing an end
 # to compare words takes no more digits; the word before is near, and a large barrier would lead away from it
 _OPTIONS = {"tol": 1e-8, "max_iter": 100, "mu_init": 1e-3}
@@ -62,3 +66,21 @@ class Coarse:
         solution = solve_collocated(soft, meshes, ration, now.guess(), watch, longer=False)
         self.ration.left = ration.left
         return solution
+
+
+def staggered(now: Candidate) -> Iterator[Candidate]:
+    """Yield words in which controls that switch at once switch one after the other."""
+    for k, (before, after) in enumerate(pairwise(now.arcs)):
+        for i, (a, b) in enumerate(zip(before, after, strict=True)):
+            between = (*before[:i], b, *before[i + 1 :])
+            if a != b and between != after:
+                yield planted(now, between, now.edges[k + 1] - 1e-9 * (now.edges[-1] - now.edges[0]))
+
+
+def trimmed(now: Candidate) -> Candidate | None:
+    """Return a word without its shortest arc where that is very short, None where none is."""
+    lengths = np.diff(now.edges)
+    shortest = float(lengths.min())
+    if len(now.arcs) < 2 or shortest > _TINY * float(lengths.sum()):
+        return None
+    return merged(without(now, shortest))

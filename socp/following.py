@@ -14,7 +14,7 @@ from socp.phases import PhasedProblem, follow
 from socp.problem import Problem
 from socp.schemes import lgr
 from socp.simulate import scales, verify
-from socp.solution import Solution
+from socp.solution import Solution, Stop
 from socp.word import Word
 
 _MISSED = 1e-9  # of the re-integrated control: collocation of smooth motion at the default tolerance stays below
@@ -56,6 +56,8 @@ class Follower:
         if cut is not None:
             parts, start, meshes, pieces = cut
             found = solve_collocated(parts, meshes, self.backend, start, watch)
+            if found.stop is Stop.INTERRUPTED:
+                return replace(solution, stop=Stop.INTERRUPTED, message=found.message)
             if sound(problem, found):
                 return whole(self._refined(parts, found.after(solution), watch), pieces)
         return self._refined(phased, solution, watch)

@@ -11,13 +11,13 @@ from socp.chain import judge
 from socp.errors import MethodError, SolveError
 from socp.following import Follower, sound
 from socp.guess import arranged
+from socp.junctions import chattering
 from socp.limits import told
 from socp.mending import Candidate, Joint, mends, read
 from socp.modes import arc_modes
 from socp.neighbours import changed, dropped, left_out, put_in, spelled, without
 from socp.nlp import Backend, Watch, silent
 from socp.problem import Problem
-from socp.refine import chattering
 from socp.solution import Solution, Stop
 from socp.word import Word
 

@@ -72,13 +72,13 @@ def merged(given: Candidate) -> Candidate:
     return Candidate(arcs, (*(given.edges[k] for k in keep), given.edges[-1]), given.source)
 
 
-def read(problem: Problem, solution: Solution) -> Candidate:
-    """Read the word of a direct solution, what its grid has smeared taken back."""
+def read(problem: Problem, solution: Solution, *, plain: bool = False) -> Candidate:
+    """Read the word of a direct solution, what its grid has smeared taken back, or as plainly as it stands."""
     step = (solution.final_time - solution.initial_time) / sum(len(arc.mesh) - 1 for arc in solution.arcs)
     rows = {}
     for name, row in structure(problem, solution).items():
-        kept = _calmed(list(row), _FLUTTER * step)
-        while len(kept) > 1:
+        kept = list(row) if plain else _calmed(list(row), _FLUTTER * step)
+        while len(kept) > 1 and not plain:
             blurred = [k for k, (mode, a, b) in enumerate(kept) if mode not in "+-" and b - a < _BLURRED * step]
             if not blurred:
                 break

@@ -17,6 +17,7 @@ from socp.along import Along
 from socp.conditions import conditions
 from socp.ends import Ends, unknowns_of
 from socp.fitting import Case, multipliers
+from socp.junctions import chattering
 from socp.problem import Problem
 from socp.solution import Arc, Solution
 from socp.verdict import Finding, Verdict
@@ -69,6 +70,7 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
         distance=distance,
         normality=min(laid.cost / size, 1.0),
         legendre_clebsch=clebsch,
+        chattering=tuple(chattering(problem, solution)),
         notes=tuple(unknown),
         margins=margins.strictness(problem, solution, samples, switching, size),
         ringing=margins.ringing(problem, solution),

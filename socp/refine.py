@@ -1,22 +1,23 @@
 """Structure refinement: from a direct solution to a word that the judge certifies, by solving, judging and mending."""
 
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import final
 
 import numpy as np
 
-from socp import laws
 from socp.backends import Ipopt
 from socp.chain import judge
 from socp.errors import MethodError, SolveError
 from socp.following import Follower, sound
 from socp.hidden import revealed
+from socp.junctions import chattering
 from socp.mending import Candidate, mends, read, starts
 from socp.nlp import NLP, NLPPoint, Watch, silent
+from socp.polish import polished
 from socp.problem import Problem
 from socp.simulate import scales
 from socp.solution import Node, Solution, Stop
+from socp.substitutes import substitutes
 from socp.word import Word
 
 _SOLVES = 40  # words tried before the search from one direct solution gives up
@@ -25,6 +26,8 @@ _WORK = 1e6  # iterations times variables in all: some ten seconds, and the same
 _FAINT = 1e-2  # costates times their states, in the objective's units: below, a tolerance of 1e-11 costs digits
 _CLEAR = 0.1  # what they are scaled to: more would ask for digits that rounding does not leave
 _LARGEST = 1e6  # factor on the objective: what is fainter still is lost in the rounding of the cost
+_NEARLY = 1e-4  # residual and miss: what is left of a wrong word is seldom less
+_PLAIN = 3  # short arcs that a grid shows are tried as they stand up to so many; more of them are ringing
 _SETUP = 10  # iterations that building a programme is worth
 
 # a right word takes tens of iterations; a wrong one should not take thousands
@@ -111,6 +114,8 @@ def refine(
     first = read(problem, direct)
     queue: list[tuple[float, Candidate]] = [(0.0, revealed(problem, first)), (0.1, first)]
     queue += [(1e3, each) for each in starts(first)]
+    plain = read(problem, direct, plain=True)
+    queue += [(0.15, plain)] if len(plain.arcs) <= len(first.arcs) + _PLAIN else []
     seen: set[str] = set()  # what failed from another start may succeed from this one
     last = search.count + solves
     while queue and search.count < last and not search.over:
@@ -125,6 +130,8 @@ def refine(
         if solution is None or not solution.stop.ok:
             if solution is not None and solution.stop is Stop.INTERRUPTED:
                 search.best = solution if search.best is None else replace(search.best, stop=Stop.INTERRUPTED)
+            elif solution is None:
+                queue += [(0.2 + 1e-3 * k, each) for k, each in enumerate(substitutes(problem, now))]
             continue
         search.solved.add(now.key)
         if solution.extremal or _rank(solution) < _rank(search.best):
@@ -144,7 +151,19 @@ def tried(problem: Problem, now: Candidate, backend: Ration, watch: Watch) -> So
             solution = boxed if boxed.stop.ok else solution
     except (MethodError, SolveError):
         return None
-    return _sharpened(problem, word, judge(problem, solution), backend, watch) if solution.stop.ok else solution
+    if not solution.stop.ok:
+        return solution
+    return _settled(problem, _sharpened(problem, word, judge(problem, solution), backend, watch))
+
+
+def _settled(problem: Problem, solution: Solution) -> Solution:
+    """Return what Newton makes of a nearly certified solution: the solver's tolerances may be all that is amiss."""
+    verdict = solution.verdict
+    if solution.extremal or verdict is None or not max(verdict.residual, verdict.miss) <= _NEARLY:
+        return solution
+    found = polished(problem, solution)
+    judged = solution if found is None else judge(problem, found)
+    return judged if judged.extremal else solution
 
 
 def _sharpened(problem: Problem, word: Word, solution: Solution, backend: Ration, watch: Watch) -> Solution:
@@ -156,6 +175,8 @@ def _sharpened(problem: Problem, word: Word, solution: Solution, backend: Ration
     scaled = Ration(backend.left, Ipopt({**backend.backend.options, **larger}))
     sharper = Follower(longer=False, backend=scaled)(problem, word, solution, watch).after(solution)
     backend.left = scaled.left
+    if sharper.stop is Stop.INTERRUPTED:
+        return replace(solution, stop=Stop.INTERRUPTED)
     return judge(problem, sharper) if sharper.stop.ok else solution
 
 
@@ -204,21 +225,3 @@ def explained(problem: Problem, search: Search) -> str:
             f"order inside its box, so the switches pile up where they meet; this word stands for infinitely many"
         )
     return f"{tried}; the best one leaves: {best.verdict.reasons[0] if best.verdict.reasons else 'nothing'}"
-
-
-def chattering(problem: Problem, solution: Solution) -> list[str]:
-    """Return the controls that jump onto or off a singular arc of even order, which no finite word allows.
-
-    At a junction the order plus the least derivative of the control that jumps is odd (McDanell and Powers, SIAM
-    Journal on Control 9, 1971): where the control itself jumps, the order has to be odd.
-    """
-    found = []
-    for name, row in solution.structure.items():
-        modes = [mode for mode, _, _ in row]
-        if any({a, b} & {"s"} and {a, b} & {"+", "-"} for a, b in pairwise(modes)):
-            try:
-                order = laws.derive(problem, (name,)).orders[name]
-            except MethodError:
-                continue
-            found += [name] if order % 2 == 0 else []
-    return found

@@ -122,6 +122,7 @@ def _verdict(data: Mapping[str, Any]) -> Verdict:
     findings = tuple(Finding(**{**each, "residual": _float(each["residual"])}) for each in data["findings"])
     errors = tuple((float(t), _float(error)) for t, error in data["switch_errors"])
     given = {**data, **figures, **tables, "findings": findings, "switch_errors": errors, "notes": tuple(data["notes"])}
+    given["chattering"] = tuple(data["chattering"])
     return Verdict(**given)
 
 

@@ -10,7 +10,7 @@ from socp.following import Follower, sound
 from socp.nlp import Backend, Watch, silent
 from socp.polish import polished
 from socp.problem import Problem
-from socp.solution import Agreement, Solution
+from socp.solution import Agreement, Solution, Stop
 from socp.word import Mode, Word
 
 _FINER = (1e-9, 1e-11, 1e-13)  # tolerances of the meshes that are compared where Newton does not settle
@@ -23,32 +23,29 @@ def trusted(problem: Problem, solution: Solution, digits: int, backend: Backend,
     Newton on its conditions comes first. Where that does not settle, or leaves less than `digits` digits, finer meshes
     are compared. What cannot be computed twice comes back as it is.
     """
-    best = solution
-    polish = polished(problem, solution)
-    if polish is not None:
-        judged = judge(problem, polish)
-        if judged.extremal:
-            best = judged
-        if best is judged and reached(best, digits):
-            return best
-    word = Word(problem.control_names, tuple(tuple(map(Mode.parse, arc.modes)) for arc in solution.arcs))
-    last = solution
+    found = polished(problem, solution)
+    best = solution if found is None else judge(problem, found)
+    best = best if best.extremal else solution
+    return best if reached(best, digits) else _compared(problem, best, (digits, backend), watch)
+
+
+def _compared(problem: Problem, best: Solution, wanted: tuple[int, Backend], watch: Watch) -> Solution:
+    """Return the solution on the mesh that agrees best with the one before it, or the given one where none agrees."""
+    word = Word(problem.control_names, tuple(tuple(map(Mode.parse, arc.modes)) for arc in best.arcs))
+    last = best
     for tolerance in _FINER:
+        follower = Follower(points=_POINTS, tolerance=tolerance, longer=False, backend=wanted[1])
         try:
-            finer = Follower(points=_POINTS, tolerance=tolerance, longer=False, backend=backend)(
-                problem, word, last, watch
-            )
+            finer = follower(problem, word, last, watch)
         except (MethodError, SolveError):
             break
-        if not finer.stop.ok or not sound(problem, finer):
+        if finer.stop is Stop.INTERRUPTED:
+            return replace(best, stop=Stop.INTERRUPTED, message=finer.message)
+        judged = judge(problem, replace(finer.after(last), agreement=apart(last, finer))) if finer.stop.ok else finer
+        if not judged.extremal or not sound(problem, judged):
             break
-        judged = judge(problem, replace(finer.after(last), agreement=apart(last, finer)))
-        if not judged.extremal:
-            break
-        last = judged
-        if best.agreement is None or _worse(best) > _worse(judged):
-            best = judged
-        if reached(best, digits):
+        best, last = min(best, judged, key=_worse), judged
+        if reached(best, wanted[0]):
             break
     return best
 

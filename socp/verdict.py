@@ -50,6 +50,7 @@ class Verdict:
     - distance: the least worst-case residual that any multipliers leave, proved by a linear programme (over its
     nodes); None
       where the first multipliers already served;
+    - chattering: controls that jump onto or off a singular arc of even order, which no finite word allows;
     - normality: the cost's own share of the Hamiltonian's magnitude, near 0 for an abnormal extremal;
     - legendre_clebsch: singular stretch -> the generalised Legendre-Clebsch expression at its worst, relative, not
     negative;
@@ -69,6 +70,7 @@ class Verdict:
     objective_error: float = float("nan")
     switch_errors: tuple[tuple[float, float], ...] = ()
     digits: int = 0
+    chattering: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -95,6 +97,7 @@ class Verdict:
         found += [
             f"Legendre-Clebsch condition on {k}: {v:.1e}" for k, v in self.legendre_clebsch.items() if v < -EXTREMAL
         ]
+        found += [f"{name} jumps onto or off a singular arc of even order: it chatters" for name in self.chattering]
         return tuple(found)
 
     @property

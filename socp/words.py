@@ -65,6 +65,10 @@ class Ledger:
                 if slopes.get((other, modes), 0.0) >= level:
                     self.idle.add(inserted(arcs, k, modes, side))
 
+    def knows(self, word: Letters) -> bool:
+        """Tell whether a word was looked at or excluded."""
+        return any(word in each for each in (self.solved, self.failed, self.idle))
+
     def counts(self, switches: int) -> tuple[int, int, int, int, int]:
         """Return how many words of at most so many switches there are, solved, failed, excluded, not looked at."""
         rows = [{w for w in each if len(w) <= switches + 1} for each in (self.solved, self.failed, self.idle)]

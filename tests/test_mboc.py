@@ -2,6 +2,8 @@
 
 import itertools
 import re
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -76,6 +78,37 @@ def test_small_problems_cold(registry: Registry, name: str) -> None:
 def test_the_public_problems_cold(registry: Registry, name: str) -> None:
     problem = load(name)
     right(problem, solved(registry, problem))
+
+
+def test_what_a_mixed_integer_solver_returns_is_cleaned_and_judged(
+    registry: Registry, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A solver that keeps an arc of no length and calls it solved: the arc goes, the rest is solved anew."""
+    problem = load("catalyst_mixing")
+    asked = []
+
+    def fake(problem: Problem, *given: Any) -> Solution:
+        solver, switches, points, time, guess, _ = given
+        asked.append((solver, switches, points, time))
+        found = Follower(points=points, intervals=1)(problem, Word.parse("u: + s - +", ("u",)), guess)
+        return replace(found, message="said so")
+
+    monkeypatch.setattr("socp.minlp.minlp", fake)
+    solution = solved(registry, problem, solver="bonmin", switches="3", points=9, time=5.0)
+    right(problem, solution)
+    assert asked == [("bonmin", 3, 9, 5.0)]
+    assert "bonmin: said so" in solution.message
+
+
+def test_a_mixed_integer_solver_that_fails_is_reported_as_it_says(
+    registry: Registry, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = load("catalyst_mixing")
+    failed = replace(scouts(problem, default_guess(problem), 1)[0], stop=Stop.FAILED, message="it died")
+    monkeypatch.setattr("socp.minlp.minlp", lambda *_: failed)
+    solution = solved(registry, problem, solver="scip")
+    assert solution.stop is Stop.FAILED
+    assert solution.message == "it died"
 
 
 @pytest.mark.parametrize("given", ["few", "-1", "2.5"])

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -75,8 +74,8 @@ class Recorded:
 
 
 @pytest.fixture(scope="module")
-def auv(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recorded]:
-    """The vehicle, solved and recorded by the command line, everything read back from the two files."""
+def auv(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    """Solve and record the vehicle by the command line, and read both files back."""
     import contextlib
     import io
 
@@ -85,7 +84,7 @@ def auv(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recorded]:
     said = io.StringIO()
     with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
         assert main(["solve", "auv", "--record", str(path), "--out", str(result)]) == 0
-    yield Recorded(Registry.load().problem("auv"), Solution.load(result), path, read(path), said.getvalue())
+    return Recorded(Registry.load().problem("auv"), Solution.load(result), path, read(path), said.getvalue())
 
 
 def equal(rows: Rows, entity: str, timeline: str, at: np.ndarray, values: np.ndarray) -> None:

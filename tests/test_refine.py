@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from socp import Problem, Solution, controls, states
+from socp.junctions import chattering
 from socp.mending import Candidate, candidate, insert, mends, merged, read
 from socp.nlp import NLP, NLPPoint
-from socp.refine import Ration, Search, chattering, explained
+from socp.refine import Ration, Search, explained
 from socp.solution import Arc, Feasibility, Stop
 from socp.symbols import final_time
 from socp.verdict import Finding, Verdict

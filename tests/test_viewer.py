@@ -38,6 +38,7 @@ class Shown:
     path: Path
     items: list[Item]
     tabs: Group
+    iterations: int
 
 
 @pytest.fixture(scope="module")
@@ -56,16 +57,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module", params=["auv", "goddard_vlimit", "jacobson_1"])
 def shown(request: Any, screen: Viewer, tmp_path_factory: pytest.TempPathFactory) -> Shown:
-    """A problem solved, recorded, and open in the viewer."""
+    """Open a recording of a solve in the viewer."""
     registry = Registry.load()
     problem, path = registry.problem(request.param), tmp_path_factory.mktemp("recordings") / f"{request.param}.rrd"
     recorder = registry.recorder(problem, path)
     solution = run(registry.method("auto")(), problem, default_guess(problem), lambda now: bool(recorder(now)))
+    iterations = recorder.recorder.count
     recorder.finish(problem, solution)
     assert recorder.close(), recorder.complaints
     screen.open(path)
     found = items(problem, solution)
-    return Shown(problem, solution, path, found, layout(problem, solution, found))
+    return Shown(problem, solution, path, found, layout(problem, solution, found), iterations)
 
 
 def look(screen: Viewer, shown: Shown, folder: Path, tab: int, timeline: str, at: float) -> dict[str, np.ndarray]:
@@ -94,19 +96,32 @@ def unseen(shown: Shown, pictures: dict[str, np.ndarray], timeline: str) -> list
     for name, image in pictures.items():
         for each in visible(shown.items, panel(shown, name)):
             if isinstance(each, Series) and each.timeline == timeline and np.isfinite(each.values).any():
-                colours = [each.colour]
+                colours = (
+                    [] if each.points and covered(each, visible(shown.items, panel(shown, name))) else [each.colour]
+                )
             elif isinstance(each, Lane) and timeline == "t":
                 long = [state for state, length in zip(each.states, np.diff(each.at), strict=False)
                         if length > 0.02 * (each.at[-1] - each.at[0])]  # fmt: skip
                 colours = [dimmed(each.colours[state]) for state in long]
-            elif isinstance(each, Drawing) and each.kind != "arrows" and (each.at is None or timeline == "t"):
-                colours = [each.colour]
-            elif isinstance(each, Bars):
+            elif isinstance(each, Bars) or (
+                isinstance(each, Drawing) and each.kind != "arrows" and (each.at is None or timeline == "t")
+            ):
                 colours = [each.colour]
             else:
                 continue
             found += [f"{name}: {each.path}" for colour in colours if near(image, colour, 45) < SEEN]
     return found
+
+
+def covered(marks: Series, others: list[Item]) -> bool:
+    """Tell whether all marks of a series may lie under those of others: nearer than a mark is wide."""
+    known = np.isfinite(marks.values)
+    rest = [each for each in others if isinstance(each, Series) and each.points and each is not marks]
+    at, values = (np.concatenate([getattr(each, part) for each in rest] or [np.empty(0)]) for part in ("at", "values"))
+    wide, high = np.ptp([*at, *marks.at]), np.ptp([v for v in (*values, *marks.values) if np.isfinite(v)])
+    near_t = np.abs(at[:, None] - marks.at[known]) <= 0.02 * wide
+    near_v = np.abs(values[:, None] - marks.values[known]) <= 0.06 * high
+    return bool((near_t & near_v).any(axis=0).all())
 
 
 def dimmed(colour: Colour) -> Colour:
@@ -129,7 +144,7 @@ def test_the_solver_is_seen(screen: Viewer, shown: Shown, folder: Path) -> None:
 
 
 def test_the_solve_as_it_ran_is_seen(screen: Viewer, shown: Shown, folder: Path) -> None:
-    pictures = look(screen, shown, folder, 2, "progress", 20)
+    pictures = look(screen, shown, folder, 2, "progress", shown.iterations)
     for name, image in pictures.items():
         assert int((image.max(axis=2) > 90).sum()) > 100, name
     blue = near(pictures["Iterates in the plane"], (70, 140, 215), 45)

@@ -24,8 +24,8 @@ MODES: Mapping[str, Colour] = {"+": PALETTE[1], "-": PALETTE[0], "s": PALETTE[2]
 class Series:
     """A quantity (n,) over a timeline, `at` (n,) increasing; a jump stands there as two values at one time.
 
-    `points`: draw marks instead of a line; `exact`: never average neighbours on the screen, as jumps need. `magnitude`: of the terms that
-    it is a sum of; a change far below that is rounding.
+    `points`: draw marks instead of a line; `exact`: never average neighbours on the screen, as jumps need.
+    `magnitude`: of the terms that it is a sum of; a change far below that is rounding.
     """
 
     path: str
@@ -111,7 +111,8 @@ class Panel:
     """One view of the layout, with the paths that it shows.
 
     Of curves, `legend` is the corner that their legend stands in, empty for none, `span` the values that are shown, and
-    `times` the stretch of time, where it is not the one that the curves of all panels share; of a plane, `box` (2, 2) holds the corners of what is shown as columns.
+    `times` the stretch of time, where it is not the one that the curves of all panels share. Of a plane, `box` (2, 2)
+    holds the corners of what is shown as columns.
     """
 
     kind: Literal["curves", "lanes", "plane", "text", "bars", "table"]
