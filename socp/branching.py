@@ -88,7 +88,7 @@ class Branching:
         count = 0
         while not self.over:
             if self.lead is not None and self.lead.key not in self.judged and self._nearly_done:
-                self.verify(self.lead, watch)
+                self._settle(self.lead, watch)
                 continue
             child = self._next() if count < _NODES else None
             if child is not None:
@@ -96,7 +96,7 @@ class Branching:
                 self._try(child, watch)
                 continue
             if self.lead is not None and self.lead.key not in self.judged:
-                self.verify(self.lead, watch)  # the best of its size, though something longer would improve it
+                self._settle(self.lead, watch)  # the best of its size, though something longer would improve it
                 continue
             if not self._raised(watch):
                 return
@@ -146,13 +146,12 @@ class Branching:
         solution = self.coarse(now, self._watched(watch, now))
         if solution is not None and solution.stop is Stop.INTERRUPTED:
             self.stopped = solution.stop.value
+        self._note(now, solution)
         if solution is None or not solution.stop.ok:
-            self._note(now, solution)
             self.ledger.failed.add(now.arcs)
             later = abs(child.rank) * _LATER
             self.queue += [Child(child.rank + later * (k + 1), c) for k, c in enumerate(staggered(now))]
             return
-        self._note(now, solution)
         self.ledger.solved.add(now.arcs)
         self._branch(child, solution, watch)
 
@@ -182,11 +181,7 @@ class Branching:
             self.tried.clear()
             self.lead = None
         elif not children:
-            fewer = trimmed(short)
-            if fewer is None or fewer.key in self.tried:
-                self.verify(short, watch)
-            else:  # first see whether the arc is needed
-                self.queue.append(Child(solution.objective - 2.0 * _SLIGHT * abs(solution.objective), fewer))
+            self._settle(short, watch)
 
     def _worth(self, lead: Candidate, other: Candidate) -> float:
         """Return what another word has to be below to take the lead: a little more if it has fewer arcs."""
@@ -213,6 +208,14 @@ class Branching:
                 length = _LOOKED * (now.edges[now.place(each.t) + 1] - now.edges[now.place(each.t)])
                 yield Child(solution.objective + each.slope * length, new)
 
+    def _settle(self, now: Candidate, watch: Watch) -> None:
+        """Judge a word, but first see whether its shortest arc is needed where that is very short."""
+        fewer = trimmed(now)
+        if fewer is not None and fewer.key not in self.tried:
+            self._try(Child(now.source.objective, fewer), watch)
+        if self.lead is None or len(self.lead.arcs) >= len(now.arcs):  # it is not spurious
+            self.verify(now, watch)
+
     def verify(self, now: Candidate, watch: Watch) -> None:
         """Solve a word at full accuracy and judge it; what the judge finds wrong are further children."""
         self.judged.add(now.key)
@@ -236,8 +239,8 @@ class Branching:
         if watch is silent:
             return silent
         best = self.lead.source.objective if self.lead else float("nan")
-        word = str(Word(self.coarse.problem.control_names, now.arcs))
-        return lambda progress: watch(replace(progress, stage="word", word=word, best=best))
+        word = Word(self.coarse.problem.control_names, now.arcs)
+        return lambda progress: watch(replace(progress, stage="word", word=str(word), best=best))
 
     def _note(self, now: Candidate, solution: Solution | None) -> None:
         self.nodes.append(node(str(Word(self.coarse.problem.control_names, now.arcs)), solution))

@@ -12,12 +12,13 @@ from socp.phases import Phase, PhasedProblem
 from socp.schemes import lgr
 from socp.solution import Solution
 from socp.symbols import Expr, column, time
-from socp.tables import Mesh, table
+from socp.tables import Mesh, table, uniform
 
 _BINARY = {casadi.OP_FMIN, casadi.OP_FMAX, casadi.OP_LT, casadi.OP_LE}
 _UNARY = {casadi.OP_FABS, casadi.OP_SIGN}
 _LOOKS = 8  # points looked at between two nodes of a mesh: a crossing and back within one of them does not count
 _SLIVER = 1e-3  # of a piece: a shorter interval beside a joint is not worth its nodes
+_POINT = 1e-9  # of the horizon: a shorter arc is a point
 _CROWD = 8  # joints in one arc at most: what crosses more often is no kink but noise
 
 
@@ -85,6 +86,8 @@ def whole(solution: Solution, pieces: list[int]) -> Solution:
 def _between(arc: Arc, span: tuple[float, float], points: int) -> Mesh:
     """Return the intervals of an arc's mesh between two times; slivers are left to their neighbours."""
     corners = arc.t[arc.mesh]
+    if np.diff(corners).min() <= 4 * np.spacing(np.abs(corners).max()):  # an arc that has shrunk to a point
+        return uniform(lgr(points), 1)
     apart = _SLIVER * (span[1] - span[0])
     inside = corners[(corners > span[0] + apart) & (corners < span[1] - apart)]
     return [(float(share), lgr(points)) for share in np.diff([span[0], *inside, span[1]])]
@@ -101,7 +104,8 @@ def _piece(arc: Arc, span: tuple[float, float], mesh: Mesh) -> Arc:
 def _crossings(phased: PhasedProblem, phase: Phase, arc: Arc, solution: Solution) -> list[tuple[float, Expr]]:
     """Return the times inside an arc at which a kink changes sign, in order, with the kink."""
     problem = phased.of
-    if phase.free.numel() or phase.carried.numel():
+    length = arc.t[-1] - arc.t[0]
+    if phase.free.numel() or phase.carried.numel() or length <= _POINT * (solution.final_time - solution.initial_time):
         return []
     given = casadi.vertcat(problem.x, time, problem.p)
     law = casadi.vertcat(problem.rate, problem.lagrangian)
@@ -123,6 +127,6 @@ def _crossings(phased: PhasedProblem, phase: Phase, arc: Arc, solution: Solution
         for k in np.flatnonzero(row[:-1] * row[1:] < 0.0):
             t = brentq(lambda t, i=i: at(np.array([t]))[i, 0], times[k], times[k + 1])
             crossings.append((float(t), found[i]))
-    apart = 1e-9 * (arc.t[-1] - arc.t[0])  # a crossing at an end of the arc is the end
+    apart = 1e-9 * length  # a crossing at an end of the arc is the end
     inside = [each for each in crossings if arc.t[0] + apart < each[0] < arc.t[-1] - apart]
     return sorted(inside, key=lambda each: each[0]) if len(inside) <= _CROWD else []

@@ -25,7 +25,7 @@ def reachable(problem: Problem, horizon: float, t: Table) -> np.ndarray:
         with np.errstate(invalid="ignore"):
             top = _farthest(problem.start_box[1], problem.end_box[1], low, high, horizon)
             bottom = -_farthest(-problem.start_box[0], -problem.end_box[0], -high, -low, horizon)
-            wide = np.nan_to_num(over * (high - low), nan=np.inf)
+            wide = _known(over * (high - low))
         box = np.array([np.fmax(box[0], bottom - wide), np.fmin(box[1], top + wide)])
     return box
 
@@ -37,7 +37,7 @@ def _farthest(start: np.ndarray, end: np.ndarray, low: np.ndarray, high: np.ndar
     meet = np.where(np.isfinite(meet), meet, np.where(np.isfinite(start), horizon, 0.0))
     places = [np.zeros_like(meet), meet, np.full_like(meet, horizon)]
     values = [np.fmin(start + high * t, end - low * (horizon - t)) for t in places]
-    return np.array(np.nan_to_num(np.max(values, axis=0), nan=np.inf))
+    return _known(np.max(values, axis=0))
 
 
 def _overshoot(t: Table) -> float:
@@ -52,3 +52,8 @@ def _overshoot(t: Table) -> float:
     ahead = np.append(0.0, np.maximum(-forward, 0.0).sum(axis=1))
     behind = np.append(np.maximum(backward, 0.0).sum(axis=1), 0.0)
     return float(np.minimum(ahead, behind).max())
+
+
+def _known(values: np.ndarray) -> np.ndarray:
+    """Return values with infinity where nothing is known of them."""
+    return np.where(np.isnan(values), np.inf, values)

@@ -171,3 +171,4 @@ def test_reachable_states_hold_the_solution_and_no_more_than_the_rates_allow(fol
     assert np.isfinite(box).all()
     car_box = reachable(car(), 2.0, table(uniform(lgr(1), 1)))
     assert car_box[1, 1] == pytest.approx(1.0)  # up for half the time, down for the other half
+    assert np.isfinite(reachable(car(), 2.0, table(MESHES[0]))).all()  # the position's rate is bounded by then only
