@@ -19,9 +19,10 @@ from socp import (
     uniform,
 )
 from socp.frontier import limited
-from socp.refine import Search, concluded, refine
+from socp.refine import concluded, refine
 from socp.schemes import euler, radau_iia
 from socp.scouting import scouts
+from socp.search import Search
 from socp.solution import Stop
 from socp.trust import trusted
 
@@ -61,17 +62,23 @@ class Auto(Method):
         self, problem: Problem, guess: Solution, known: tuple[Search, list[Solution]], watch: Watch
     ) -> Solution:
         search, directs = known
+        meshes = uniform(radau_iia(2), self.steps // 2), uniform(euler(), 2 * self.steps)
         for start in (*scouts(problem, guess, self.starts, watch), guess):
             if start.stop is Stop.INTERRUPTED:
                 return start
-            for mesh in (uniform(radau_iia(2), self.steps // 2), uniform(euler(), 2 * self.steps)):
+            shown: list[Solution] = []
+            for mesh in meshes:
                 direct = solve_collocated(single_phase(problem), [mesh], self.backend, start, watch)
                 directs.append(direct)
                 if direct.stop is Stop.INTERRUPTED:
                     return search.best or direct
-                found = refine(problem, direct, search, watch) if direct.stop.ok else None
-                if found is not None and search.over:
+                if direct.stop.ok:
+                    shown.append(direct)
+                    refine(problem, direct, search, watch)
+                if search.over:
                     break
+            for direct in shown:
+                refine(problem, direct, search, watch, late=True)
             if search.over:
                 break
         return limited(problem, concluded(problem, search, directs), self.max_switches, watch)

@@ -32,10 +32,10 @@ from socp.junctions import chattering
 from socp.mending import Candidate, merged, without
 from socp.modes import arc_modes
 from socp.principle import Modes
-from socp.refine import Ration
 from socp.rounding import rounded
 from socp.schemes import radau_iia
 from socp.scouting import scouts
+from socp.search import Ration
 from socp.softening import softened
 from socp.solution import Stop
 from socp.word import Mode, Word

@@ -19,7 +19,8 @@ from socp.mending import Candidate, mends, merged, planted, without
 from socp.meshing import tails
 from socp.nlp import Watch, silent
 from socp.principle import Modes
-from socp.refine import node, tried
+from socp.refine import tried
+from socp.search import node
 from socp.simulate import scales
 from socp.softening import missed
 from socp.solution import Node, Solution, Stop

@@ -19,8 +19,9 @@ from socp.nlp import Progress, Watch, silent
 from socp.phases import single_phase
 from socp.pool import asked, worked
 from socp.problem import Problem
-from socp.refine import Ration, Search, refine
+from socp.refine import refine
 from socp.schemes import euler
+from socp.search import Ration, Search
 from socp.solution import Solution, Stop
 from socp.spread import RECIPE, start
 

@@ -16,8 +16,8 @@ from socp.method import solve_collocated
 from socp.nlp import Watch, silent
 from socp.phases import PhasedProblem, follow
 from socp.problem import Problem
-from socp.refine import Ration
 from socp.schemes import lgr
+from socp.search import Ration
 from socp.solution import Solution
 from socp.word import Word
 

@@ -1,7 +1,7 @@
 """Structure refinement: from a direct solution to a word that the judge certifies, by solving, judging and mending."""
 
-from dataclasses import dataclass, field, replace
-from typing import final
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,113 +12,48 @@ from socp.following import Follower, sound
 from socp.hidden import revealed
 from socp.junctions import chattering
 from socp.mending import Candidate, mends, read, starts
-from socp.nlp import NLP, NLPPoint, Watch, silent
+from socp.modes import arc_modes
+from socp.nlp import Watch, silent
 from socp.polish import polished
 from socp.problem import Problem
+from socp.search import Ration, Search
 from socp.simulate import scales
-from socp.solution import Node, Solution, Stop
+from socp.solution import Solution, Stop
 from socp.substitutes import substitutes
 from socp.word import Word
 
 _SOLVES = 40  # words tried before the search from one direct solution gives up
-_WORDS = 80  # the same from all direct solutions together
-_WORK = 1e6  # iterations times variables in all: some ten seconds, and the same words at any speed
 _FAINT = 1e-2  # costates times their states, in the objective's units: below, a tolerance of 1e-11 costs digits
 _CLEAR = 0.1  # what they are scaled to: more would ask for digits that rounding does not leave
 _LARGEST = 1e6  # factor on the objective: what is fainter still is lost in the rounding of the cost
 _NEARLY = 1e-4  # residual and miss: what is left of a wrong word is seldom less
+_LATE = 1e3  # rank of what is tried once no mend is left: whatever mends it goes first
 _PLAIN = 3  # short arcs that a grid shows are tried as they stand up to so many; more of them are ringing
-_SETUP = 10  # iterations that building a programme is worth
-
-# a right word takes tens of iterations; a wrong one should not take thousands
-_BACKEND = Ipopt({"tol": 1e-11, "max_iter": 300})
-
-
-@final
-@dataclass(eq=False)
-class Ration:
-    """A backend that stops when the work allowed in all, iterations times variables, is done."""
-
-    left: float = _WORK
-    backend: Ipopt = field(default_factory=lambda: _BACKEND)
-
-    def __call__(self, nlp: NLP, guess: NLPPoint, watch: Watch = silent) -> NLPPoint:
-        """Solve with as many iterations as are left; without any the point is the guess, at its limit."""
-        most = int(self.left / nlp.v.numel()) - _SETUP
-        if most < 1:
-            return replace(guess, stop=Stop.LIMIT, message="the work allowed for the search is done")
-        allowed = self.backend
-        if most < int(allowed.options["max_iter"]):
-            allowed = Ipopt({**allowed.options, "max_iter": most})
-        point = allowed(nlp, guess, watch)
-        self.left -= (point.iterations + _SETUP) * nlp.v.numel()
-        return point
-
-
-@final
-@dataclass(eq=False)
-class Search:
-    """What a search over words has tried so far: its words that were solved, their number, and the best solution.
-
-    `refine` goes on with it from one direct solution to the next.
-    """
-
-    solved: set[str] = field(default_factory=set)
-    count: int = 0
-    best: Solution | None = None
-    backend: Ration = field(default_factory=Ration)
-    nodes: list[Node] = field(default_factory=list)
-
-    def watched(self, watch: Watch, word: str) -> Watch:
-        """Return a watch that is told of the word being tried and of the best solution so far as well."""
-        if watch is silent:
-            return silent
-        best = self.best.objective if self.best else float("nan")
-        verdict = self.best.verdict if self.best else None
-        violation = verdict.residual if verdict else float("nan")
-        return lambda now: watch(replace(now, stage="word", word=word, best=best, violation=violation))
-
-    def note(self, word: str, solution: Solution | None) -> None:
-        """Keep what became of a word."""
-        self.nodes.append(node(word, solution))
-
-    @property
-    def over(self) -> bool:
-        """Whether the work allowed is done, a certified word found, or the search interrupted."""
-        done = self.best is not None and (self.best.extremal or self.best.stop is Stop.INTERRUPTED)
-        return bool(done) or self.spent
-
-    @property
-    def spent(self) -> bool:
-        """Whether the work or the number of words allowed is done."""
-        return self.backend.left <= 0 or self.count >= _WORDS
-
-
-def node(word: str, solution: Solution | None) -> Node:
-    """Return what became of a word as a node."""
-    if solution is None:
-        return Node(word=word, stop="FAILED")
-    verdict = solution.verdict
-    judged = {} if verdict is None else {"miss": verdict.miss, "residual": verdict.residual}
-    return Node(word=word, stop=solution.stop.name, objective=solution.objective, **judged)
 
 
 def refine(
-    problem: Problem, direct: Solution, search: Search, watch: Watch = silent, solves: int = _SOLVES
+    problem: Problem,
+    direct: Solution,
+    search: Search,
+    watch: Watch = silent,
+    solves: int = _SOLVES,
+    *,
+    late: bool = False,
 ) -> Solution | None:
     """Search for a certified word from a direct solution; returns the best judged solution so far, or None.
 
     Best first: what mends the solution with the least residual is tried next. It ends with the first certified word, or
-    when nothing is left to try.
+    when nothing is left to try. `late` has other words to begin with, for when those have led nowhere.
     """
-    first = read(problem, direct)
-    queue: list[tuple[float, Candidate]] = [(0.0, revealed(problem, first)), (0.1, first)]
-    queue += [(1e3, each) for each in starts(first)]
-    plain = read(problem, direct, plain=True)
-    queue += [(0.15, plain)] if len(plain.arcs) <= len(first.arcs) + _PLAIN else []
+    queue: list[tuple[float, Candidate]] = []
+    batches = _late(problem, direct, search) if late else _early(problem, direct)
     seen: set[str] = set()  # what failed from another start may succeed from this one
     last = search.count + solves
-    while queue and search.count < last and not search.over:
+    while search.count < last and not search.over:
+        while not queue and (more := next(batches, None)) is not None:
+            queue += [(_LATE, each) for each in more]
+        if not queue:
+            break
         _, now = queue.pop(min(range(len(queue)), key=lambda k: queue[k][0]))
         if now.key in seen | search.solved:
             continue
@@ -139,6 +74,32 @@ def refine(
         rank = solution.verdict.residual if solution.verdict else 1.0
         queue += [(rank + 1e-3 * k, each) for k, each in enumerate(mends(problem, now, solution))]
     return search.best
+
+
+def _early(problem: Problem, direct: Solution) -> Iterator[list[Candidate]]:
+    """Yield what labels and deviations show, then the same with bangs at the ends."""
+    first = read(problem, direct)
+    yield [revealed(problem, first)]
+    yield [first]
+    yield list(starts(first))
+
+
+def _late(problem: Problem, direct: Solution, search: Search) -> Iterator[list[Candidate]]:
+    """Yield the word of the grid as it stands, and once a search words near the controls in the integral."""
+    first, plain = read(problem, direct), read(problem, direct, plain=True)
+    if len(plain.arcs) <= len(first.arcs) + _PLAIN:
+        yield [plain]
+    if search.rounded:
+        return
+    search.rounded = True
+    from socp.rounding import rounded  # it brings cvxpy
+
+    modes = arc_modes(problem)
+    for switches in (max(len(first.arcs) - 1, 1), len(first.arcs) - 1 + _PLAIN):
+        try:
+            yield [rounded(problem, direct, modes, switches)]
+        except SolveError:
+            continue
 
 
 def tried(problem: Problem, now: Candidate, backend: Ration, watch: Watch) -> Solution | None:

@@ -5,6 +5,7 @@ at every time: min over binary w of max over t of |integral of (relaxed - rounde
 Methods of Operations Research 73, 2011, doi:10.1007/s00186-011-0355-4).
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, final
@@ -91,7 +92,9 @@ def rounding(given: Cells, switches: int, dwell: float = 0.0, price: float = _PR
     objective = worst + _POINTWISE * cvxpy.sum(cvxpy.multiply(cost, w)) + price * cvxpy.sum(changes)
     programme = cvxpy.Problem(cvxpy.Minimize(objective), constraints)
     try:
-        programme.solve(solver=cvxpy.HIGHS, mip_abs_gap=_GAP, mip_max_nodes=_NODES)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a tree that ended early is a seed all the same
+            programme.solve(solver=cvxpy.HIGHS, mip_abs_gap=_GAP, mip_max_nodes=_NODES)
     except cvxpy.error.SolverError as error:
         raise SolveError(f"rounding: HiGHS failed: {error}") from error
     if w.value is None:

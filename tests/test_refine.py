@@ -10,7 +10,8 @@ from socp import Problem, Solution, controls, states
 from socp.junctions import chattering
 from socp.mending import Candidate, candidate, insert, mends, merged, read
 from socp.nlp import NLP, NLPPoint
-from socp.refine import Ration, Search, explained
+from socp.refine import explained
+from socp.search import Ration, Search
 from socp.solution import Arc, Feasibility, Stop
 from socp.symbols import final_time
 from socp.verdict import Finding, Verdict

@@ -1,0 +1,85 @@
+"""A search over words: what it has tried, the best it has found, and the work that it may do."""
+
+from dataclasses import dataclass, field, replace
+from typing import final
+
+from socp.backends import Ipopt
+from socp.nlp import NLP, NLPPoint, Watch, silent
+from socp.solution import Node, Solution, Stop
+
+_WORDS = 80  # words tried from all direct solutions together
+_WORK = 1e6  # iterations times variables in all: some ten seconds, and the same words at any speed
+_SETUP = 10  # iterations that building a programme is worth
+
+# a right word takes tens of iterations; a wrong one should not take thousands
+_BACKEND = Ipopt({"tol": 1e-11, "max_iter": 300})
+
+
+@final
+@dataclass(eq=False)
+class Ration:
+    """A backend that stops when the work allowed in all, iterations times variables, is done."""
+
+    left: float = _WORK
+    backend: Ipopt = field(default_factory=lambda: _BACKEND)
+
+    def __call__(self, nlp: NLP, guess: NLPPoint, watch: Watch = silent) -> NLPPoint:
+        """Solve with as many iterations as are left; without any the point is the guess, at its limit."""
+        most = int(self.left / nlp.v.numel()) - _SETUP
+        if most < 1:
+            return replace(guess, stop=Stop.LIMIT, message="the work allowed for the search is done")
+        allowed = self.backend
+        if most < int(allowed.options["max_iter"]):
+            allowed = Ipopt({**allowed.options, "max_iter": most})
+        point = allowed(nlp, guess, watch)
+        self.left -= (point.iterations + _SETUP) * nlp.v.numel()
+        return point
+
+
+@final
+@dataclass(eq=False)
+class Search:
+    """What a search over words has tried so far: its words that were solved, their number, and the best solution.
+
+    `refine` goes on with it from one direct solution to the next.
+    """
+
+    solved: set[str] = field(default_factory=set)
+    count: int = 0
+    best: Solution | None = None
+    backend: Ration = field(default_factory=Ration)
+    nodes: list[Node] = field(default_factory=list)
+    rounded: bool = False
+
+    def watched(self, watch: Watch, word: str) -> Watch:
+        """Return a watch that is told of the word being tried and of the best solution so far as well."""
+        if watch is silent:
+            return silent
+        best = self.best.objective if self.best else float("nan")
+        verdict = self.best.verdict if self.best else None
+        violation = verdict.residual if verdict else float("nan")
+        return lambda now: watch(replace(now, stage="word", word=word, best=best, violation=violation))
+
+    def note(self, word: str, solution: Solution | None) -> None:
+        """Keep what became of a word."""
+        self.nodes.append(node(word, solution))
+
+    @property
+    def over(self) -> bool:
+        """Whether the work allowed is done, a certified word found, or the search interrupted."""
+        done = self.best is not None and (self.best.extremal or self.best.stop is Stop.INTERRUPTED)
+        return bool(done) or self.spent
+
+    @property
+    def spent(self) -> bool:
+        """Whether the work or the number of words allowed is done."""
+        return self.backend.left <= 0 or self.count >= _WORDS
+
+
+def node(word: str, solution: Solution | None) -> Node:
+    """Return what became of a word as a node."""
+    if solution is None:
+        return Node(word=word, stop="FAILED")
+    verdict = solution.verdict
+    judged = {} if verdict is None else {"miss": verdict.miss, "residual": verdict.residual}
+    return Node(word=word, stop=solution.stop.name, objective=solution.objective, **judged)
