@@ -36,7 +36,7 @@ from socp.rounding import rounded
 from socp.schemes import radau_iia
 from socp.scouting import scouts
 from socp.search import Ration
-from socp.softening import softened
+from socp.softening import missed, softened
 from socp.solution import Stop
 from socp.word import Mode, Word
 from socp.words import all_words, count
@@ -44,9 +44,11 @@ from socp.words import all_words, count
 _DIRECT = Ipopt({"max_iter": 500})  # what a direct solve has not reached by then it hardly ever reaches
 _STEPS = 50  # intervals of the finer direct solves, where the scouts' words lead nowhere
 _MOST = 12  # switches that are tried where their number is not given
+_LARGEST = 99  # switches that may be allowed
 _ROUNDED = 6  # switches of the first rounding there
 _FEW = 50  # words within the bound: so many are all looked at where the search certifies none
 _ALIKE = 2e-3  # relative: coarse solutions differ by so much from what they stand for
+_MET = 1e-6  # of the states: softened ends are met up to the solver's tolerance
 _SHORT = 1e-6  # of the horizon: an arc that shrinks to this is none
 
 
@@ -66,6 +68,10 @@ class Mboc(Method):
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
         """Search for a word that the judge certifies; else return the best with what is left open in its message."""
         began, most = time.perf_counter(), self._most()
+        if self.solver != "search":
+            from socp.minlp import available
+
+            available(self.solver)  # raises before anything is solved
         modes = arc_modes(problem)
         if not modes:
             raise MethodError(f"mboc: problem '{problem.name}' has no law on any arc; give laws, or solve it directly")
@@ -92,8 +98,9 @@ class Mboc(Method):
             most = int(self.switches)
         except ValueError:
             most = -1
-        if most < 0:
-            raise MethodError(f"mboc: switches='{self.switches}', but it should be auto or a whole number from 0 on")
+        if not 0 <= most <= _LARGEST:
+            allowed = f"auto or a whole number from 0 to {_LARGEST}"
+            raise MethodError(f"mboc: switches='{self.switches}', but it should be {allowed}")
         return most
 
     def _searched(self, branching: Branching, guess: Solution, directs: list[Solution], watch: Watch) -> None:
@@ -140,6 +147,7 @@ class Mboc(Method):
         met = scouts(problem, guess, self.starts, watch) or [guess]
         seed = next(self._seeds(problem, met[0], branching.modes), None)
         switches = (len(seed.arcs) - 1 if seed else 2) if self.switches == "auto" else self._most()
+        branching.switches = switches
         found = minlp(problem, self.solver, switches, self.points, self.time, met[0], watch)
         directs.append(found)
         branching.nodes += found.nodes
@@ -164,18 +172,22 @@ class Mboc(Method):
             if not ok or interrupted:
                 return replace(directs[-1], stop=Stop.INTERRUPTED) if interrupted else directs[-1]
             best = min((judge(branching.coarse.problem, each) for each in (ok[0], *ok[1:][-1:])), key=_missed)
-        said = "" if self.solver == "search" else f"{self.solver}: {directs[-1].message}"
+        said = "" if self.solver == "search" or directs[-1].message in best.message else directs[-1].message
         text = "; ".join(filter(None, (best.message, said, self._explained(branching, directs, best))))
         return replace(best, message=text, stop=Stop.INTERRUPTED if interrupted else best.stop)
 
     def _explained(self, branching: Branching, directs: list[Solution], best: Solution) -> str:
         """Say what is known of all words, and which arc is missing where the word found is no extremal."""
+        searched = self.solver == "search"  # other solvers look at words by themselves: there is nothing to count
         if best.extremal and branching.best is not None:
             better = [each for each in directs if best.objective - each.objective > _ALIKE * abs(best.objective)]
             known = branching.ledger.text(branching.switches, closed=not better)
-            return f"{known}; it holds as far as a local solver's solutions are the best there are"
-        direct = "" if branching.best else "no word of these meets the ends, and this is a direct solution"
-        parts = [_missing(branching, best), direct, branching.ledger.text(branching.switches), branching.stopped]
+            hedged = f"{known}; all of it as far as a local solver finds the best there is, which it does not prove"
+            return hedged if searched else ""
+        none = "no word tried meets the ends" if branching.nodes else "no word was tried"
+        direct = "" if branching.best or not searched else f"{none}, and this is a direct solution"
+        known = branching.ledger.text(branching.switches) if searched else ""
+        parts = [_missing(branching, best), direct, known, branching.stopped]
         names = chattering(branching.coarse.problem, best)
         if names:
             parts.append(f"{', '.join(names)}: chattering, which no finite number of switches allows")
@@ -197,18 +209,19 @@ def _others(branching: Branching, directs: Sequence[Solution]) -> Iterator[Child
 def _missing(branching: Branching, best: Solution) -> str:
     """Name the arc that the judge asks for, or that a word with more switches has and none of these can."""
     words, asked = branching.coarse.problem.control_names, _asked(best) if branching.best else ""
-    longer = min((child for child, _ in branching.beyond), key=lambda child: child.rank, default=None)
+    longer, solution = min(branching.beyond, key=lambda pair: pair[0].rank, default=(None, best))
     if not asked and longer is None:
         return "no word tried is certified"
-    text = f"switches = {branching.switches} is too small: an arc is missing{asked}"
+    text = f"switches = {branching.switches} seems too small: an arc is missing{asked}"
     if longer is None:
         return text
     arcs, edges = longer.candidate.arcs, longer.candidate.edges
     k = int(np.argmin(np.diff(edges)))
     pairs = zip(words, arcs[k], arcs[k + 1 if k == 0 else k - 1], strict=True)
     arc = ", ".join(f"{name}: {mode}" for name, mode, beside in pairs if mode != beside)
+    how = f"reaches {longer.rank:.8g}" if missed(solution) <= _MET else "comes nearer to the ends"
     return (
-        f"{text}; with {longer.switches} switches the word {Word(words, arcs)} reaches {longer.rank:.8g}, "
+        f"{text}; with {longer.switches} switches the word {Word(words, arcs)} {how}, "
         f"and its shortest arc is {arc} from t = {edges[k]:.4g} to {edges[k + 1]:.4g}"
     )
 

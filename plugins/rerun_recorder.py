@@ -4,17 +4,20 @@ import os
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Thread
 from typing import Any, final
+from urllib.parse import urlsplit
 
 import numpy as np
 
 from socp import SolveError, hookimpl
 from socp.nlp import Progress
 from socp.problem import Problem
+from socp.recording import viewer
 from socp.recording.contents import Run, items, log10
 from socp.recording.items import PALETTE, Item, Note, Plane
 from socp.recording.layout import HELP, layout, streaming
-from socp.recording.plane import scale
+from socp.recording.plane import ground, scale, together
 from socp.recording.summary import comparison
 from socp.recording.translate import blueprint, send
 from socp.scene import picture
@@ -23,6 +26,7 @@ from socp.solution import Solution
 SCHEMA = 1  # version of what a recording holds, in its properties
 _FOOTER = b"RRF2FOOT"  # near the end of every file that was closed in order
 _EVERY = 0.2  # seconds between two writes while a solver runs
+_WRITING, _ENDING, _GONE = 15.0, 10.0, 1.0  # seconds to wait for what is not yet written; to a viewer that is gone it never will be
 _SHARE, _APART = 0.05, 1 / 12  # iterates take this share of the time at most, and wait for that share of it
 
 
@@ -39,6 +43,7 @@ class Recorder:
 
     stream: Any
     path: Path | None
+    live: str
     several: bool
     problem: Problem
     began: float = field(default_factory=time.monotonic)
@@ -56,7 +61,7 @@ class Recorder:
     def open(cls, problem: Problem, path: Path | None, live: str, *, several: bool) -> "Recorder":
         """Open the file, the viewer at the address `live`, or both; what rerun raises comes through."""
         if os.environ.get("RERUN", "").lower() in {"off", "0", "false", "no"}:
-            raise SolveError("the environment variable RERUN turns rerun off")
+            raise SolveError("not recorded: the environment variable RERUN turns rerun off")
         os.environ.setdefault("RUST_LOG", "off")  # what goes wrong is found out below and told in one line
         import rerun as rr
 
@@ -75,7 +80,7 @@ class Recorder:
         stream.log("/help", rr.TextDocument(HELP, media_type=rr.MediaType.MARKDOWN), static=True)
         for part, colour in (("objective", PALETTE[0]), ("infeasibility", PALETTE[1])):
             stream.log(f"/progress/{part}", rr.SeriesLines(names=[part], colors=[colour], widths=[1.5]), static=True)
-        return cls(stream, path, several, problem)
+        return cls(stream, path, live, several, problem)
 
     def __call__(self, now: Progress, /) -> None:
         """Keep the progress of an iteration, and write what has gathered once in a while."""
@@ -100,6 +105,9 @@ class Recorder:
         self._write()
         if self.count and not self.several:
             self._iterate(solution)
+            if self.factors is not None:
+                for each in ground(picture(problem, solution), "/progress/plan"):
+                    send(self.stream, each)
         colour = PALETTE[len(self.finished) % len(PALETTE)]
         among = picture(problem, self.finished[0]) if self.finished else None
         run = Run(f"/runs/{solution.method}", colour, solution.method, among) if self.several else Run()
@@ -115,14 +123,29 @@ class Recorder:
         self._write()
         if self.finished:
             self._conclude()
-        whole = True
+        gone = bool(self.live) and not viewer.answers(urlsplit(self.live).port or viewer.PORT)
+        sent = True
         try:
-            self.stream.flush(timeout_sec=30.0)
-        except RuntimeError:  # rerun's writer has given up
-            whole = False
-        self.stream.disconnect()
-        if self.path is not None and not (whole and _complete(self.path)):
+            self.stream.flush(timeout_sec=_GONE if gone else _WRITING)
+        except RuntimeError:  # rerun's writer has given up, or the viewer is gone
+            sent = False
+        sent = self._disconnect() and sent
+        if self.path is not None and not ((sent or gone) and _complete(self.path)):
             raise SolveError(f"{self.path}: the recording is not whole; is the disk full?")
+        if gone or not sent:
+            kept = "" if self.path is None else f"; the recording in {self.path} is whole"
+            raise SolveError(f"not shown to its end: the viewer is gone{kept}")
+
+    def _disconnect(self) -> bool:
+        """End the stream, and tell whether it has ended: on a full disk it may never do, nor let the process end."""
+        import rerun as rr
+
+        ending = Thread(target=self.stream.disconnect, daemon=True)
+        ending.start()
+        ending.join(_ENDING)
+        if ending.is_alive():
+            rr.unregister_shutdown()
+        return not ending.is_alive()
 
     def _conclude(self) -> None:
         import rerun as rr
@@ -134,9 +157,12 @@ class Recorder:
             "title": self.problem.title,
             "runs": len(self.finished),
         }
+        seen = together([picture(self.problem, each) for each in self.finished])
         if self.several:
             send(self.stream, Note(path="/summary", text=comparison(self.problem, self.finished)))
             roots = [f"/runs/{each.method}" for each in self.finished]
+            for each in ground(seen, f"{roots[0]}/plan"):
+                send(self.stream, each)
         else:
             roots = [""]
             about |= {"method": first.method, "stop": first.stop.name, "objective": first.objective, "word": first.word}
@@ -145,7 +171,8 @@ class Recorder:
             "socp", rr.AnyValues(**{key.replace(" ", "_"): value for key, value in about.items()})
         )
         self.stream.send_recording_name(f"{self.problem.name}: {', '.join(each.method for each in self.finished)}")
-        self.stream.send_blueprint(blueprint(layout(self.problem, first, self.items, roots, self.factors), "t"))
+        tabs = layout(self.problem, first, self.items, roots, self.factors, seen)
+        self.stream.send_blueprint(blueprint(tabs, "t"))
 
     def _write(self) -> None:
         import rerun as rr

@@ -1,8 +1,7 @@
 """Branch over words with a bound on their switches: solve a word, insert what lowers its objective, judge what is left.
 
-A node is a programme along one word with one interval an arc: some hundredths of a second. Its children are words with
-one more arc, the mode-insertion gradient being negative there; a node that none improves is solved at full accuracy
-and judged, and the judge's findings are its children where it is no extremal.
+A node is a programme along one word with one interval an arc. Its children have one more arc, where the mode-insertion
+gradient is negative; a node that none improves is solved at full accuracy, judged, and mended if it is no extremal.
 """
 
 import time

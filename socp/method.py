@@ -48,7 +48,7 @@ def check_options(method: Method) -> None:
     """Raise MethodError for an option below its least value."""
     for each in options(type(method)):
         least, value = each.metadata.get("least"), getattr(method, each.name)
-        if least is not None and value is not None and value < least:
+        if least is not None and value is not None and not value >= least:  # nan is none either
             raise MethodError(f"{method.name}: {each.name}={value}, but it must be at least {least}")
 
 

@@ -11,7 +11,7 @@ import pluggy
 
 from socp import hookspecs
 from socp.entries import PLUGINS, PROBLEMS, Entry, Plugin, Status, explain, origin, package, points, refusal, suggest
-from socp.errors import MethodError, ProblemError
+from socp.errors import MethodError, ProblemError, SocpError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -153,6 +153,8 @@ class Registry:
 
 
 def _explained(plugin: Plugin, error: BaseException) -> str:
+    if isinstance(error, SocpError):  # it says all there is to say
+        return f"plugin '{plugin.name}': {error}"
     return f"plugin '{plugin.name}': not recorded: {explain(error, origin(plugin.target))}"
 
 

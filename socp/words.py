@@ -7,6 +7,7 @@ from typing import final
 from socp.principle import Modes
 
 Letters = tuple[Modes, ...]
+_MANY = 10**15  # words: nobody reads more digits
 
 
 def count(modes: int, switches: int) -> int:
@@ -79,13 +80,15 @@ class Ledger:
     def text(self, switches: int, *, closed: bool = False) -> str:
         """Say in a sentence what is known of all words of at most so many switches.
 
-        closed: the relaxed problem is solved by one of them, so that no other is better.
+        closed: one of them is an extremal with every control free in its box, and no better one is known.
         """
         total, solved, failed, idle, rest = self.counts(switches)
         parts = [f"{solved} solved", f"{failed} without a solution", f"{idle} excluded, the arc they add does not pay"]
-        if closed:
-            parts.append(f"{rest} excluded by the bound of the relaxed problem, every control free in its box")
-        else:
-            parts.append(f"{rest} not looked at")
+        why = " (none is better if this extremal is the best one of all with every control free in its box)"
+        parts.append(f"{_plain(rest)} not looked at{why if closed else ''}")
         told = ", ".join(part for part in parts if not part.startswith("0 "))
-        return f"of {total} words of at most {switches} switches {told}"
+        return f"of {_plain(total)} words of at most {switches} switches {told}"
+
+
+def _plain(number: int) -> str:
+    return str(number) if number < _MANY else f"about {number:.1e}"

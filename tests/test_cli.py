@@ -1,5 +1,6 @@
 """The command line: what it says, where it says it, and its exit codes."""
 
+import contextlib
 import json
 import signal
 import subprocess
@@ -449,6 +450,18 @@ def test_ctrl_c_elsewhere_is_130_without_a_traceback(
     monkeypatch.setattr(moment, interrupted)
     said = socp("solve", "cart.py")
     assert (said.code, said.out, said.err.strip()) == (130, "", "interrupted; nothing was written")
+
+
+def test_ctrl_c_that_breaks_an_import_off_is_no_bug(socp: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    def half_imported(*_given: Any) -> None:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        raise NameError("name '_api' is not defined")
+
+    monkeypatch.setattr("socp.chain.run", half_imported)
+    said = socp("solve", "double_integrator_time")
+    assert said.code == 130
+    assert said.err.splitlines()[-1] == "interrupted; nothing was written"
 
 
 def test_ctrl_c_while_judging_keeps_what_was_solved(socp: Command, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ from test_auto import NAMES, load, spelt
 from socp import MethodError, Problem, Solution, controls, default_guess, run, states
 from socp.following import Follower
 from socp.insertion import insertions, magnitude
+from socp.mending import Candidate, without
 from socp.modes import arc_modes
 from socp.registry import Registry
 from socp.scouting import scouts
@@ -48,7 +49,8 @@ def test_the_vehicle_cold(registry: Registry, options: dict[str, object]) -> Non
     assert solution.objective == pytest.approx(14.95016178215355, rel=0, abs=1e-9)
     total = count(len(arc_modes(problem)), int(str(options["switches"])))
     assert f"of {total} words of at most {options['switches']} switches" in solution.message
-    assert "excluded by the bound of the relaxed problem" in solution.message
+    assert "not looked at (none is better if this extremal is the best one of all" in solution.message
+    assert "excluded by" not in solution.message  # local solves of relaxations bound nothing
     assert solution.nodes[-1].word == "r: + s s s +; f: + + b[u.upper] - -"
 
 
@@ -56,14 +58,14 @@ def test_the_vehicle_cold(registry: Registry, options: dict[str, object]) -> Non
 def test_three_switches_are_too_few_for_the_vehicle_and_the_arc_is_named(registry: Registry) -> None:
     solution = solved(registry, load("auv"), switches="3")
     assert not solution.extremal
-    assert "switches = 3 is too small: an arc is missing" in solution.message
+    assert "switches = 3 seems too small: an arc is missing" in solution.message
     assert "its shortest arc is r: + from t = 0 to 0.0490" in solution.message
 
 
 def test_too_few_switches_are_said_to_be_too_few(registry: Registry) -> None:
     solution = solved(registry, load("catalyst_mixing"), switches="1")
     assert not solution.extremal
-    assert "switches = 1 is too small: an arc is missing" in solution.message
+    assert "switches = 1 seems too small: an arc is missing" in solution.message
     assert all(len(node.word.removeprefix("u: ").split()) <= 4 for node in solution.nodes)  # two more on the way
 
 
@@ -97,7 +99,8 @@ def test_what_a_mixed_integer_solver_returns_is_cleaned_and_judged(
     solution = solved(registry, problem, solver="bonmin", switches="3", points=9, time=5.0)
     right(problem, solution)
     assert asked == [("bonmin", 3, 9, 5.0)]
-    assert "bonmin: said so" in solution.message
+    assert "said so" in solution.message
+    assert "words" not in solution.message  # what the solver looked at by itself was not counted
 
 
 def test_a_mixed_integer_solver_that_fails_is_reported_as_it_says(
@@ -111,9 +114,9 @@ def test_a_mixed_integer_solver_that_fails_is_reported_as_it_says(
     assert solution.message == "it died"
 
 
-@pytest.mark.parametrize("given", ["few", "-1", "2.5"])
+@pytest.mark.parametrize("given", ["few", "-1", "2.5", "100000000"])
 def test_a_wrong_number_of_switches_is_refused(registry: Registry, given: str) -> None:
-    with pytest.raises(MethodError, match=f"switches='{given}', but it should be auto or a whole number"):
+    with pytest.raises(MethodError, match=f"switches='{given}', but it should be auto or a whole number from 0 to 99"):
         solved(registry, load("jacobson_1"), switches=given)
 
 
@@ -121,6 +124,29 @@ def test_no_time_gives_the_direct_solution_and_says_why(registry: Registry) -> N
     solution = solved(registry, load("jacobson_1"), time=0.0)
     assert "the time allowed is over" in solution.message
     assert not solution.nodes
+
+
+def test_a_horizon_that_shrinks_to_a_point_keeps_one_arc() -> None:
+    given = Candidate((UPPER, LOWER), (0.0, 0.0, 0.0), default_guess(load("jacobson_1")))
+    assert without(given, 0.0).arcs == (UPPER,)
+
+
+@pytest.mark.parametrize("solver", ["foo", "", "SCIP"])
+def test_an_unknown_solver_is_refused_before_anything_is_solved(
+    registry: Registry, solver: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("socp.scouting.collocate", None)
+    with pytest.raises(MethodError, match=f"no mixed-integer solver '{solver}'; available here: bonmin"):
+        solved(registry, load("jacobson_1"), solver=solver)
+
+
+def test_no_number_is_no_time(registry: Registry) -> None:
+    with pytest.raises(MethodError, match="time=nan, but it must be at least 0"):
+        solved(registry, load("jacobson_1"), time=float("nan"))
+
+
+def test_words_that_nobody_counts_are_told_in_short() -> None:
+    assert Ledger(9).text(99).startswith("of about ")
 
 
 def test_a_watch_stops_it_between_and_inside_programmes(registry: Registry) -> None:

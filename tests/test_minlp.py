@@ -1,6 +1,9 @@
 """Mixed-integer solvers: what they say is checked, time limits hold, and the best verified point is kept."""
 
+import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -156,6 +159,40 @@ def test_ctrl_c_stops_it_with_its_best_point(fake: Fake) -> None:
     found = fake('tell({"v": [2.0, 0.0]})\ntime.sleep(600)', watch=press)
     assert found.point.stop is Stop.INTERRUPTED
     assert found.point.objective == 2.0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere the limit of processor time ends it")
+def test_a_solver_ends_with_the_process_that_asked_for_it(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (tmp_path / "fake_solver.py").write_text(
+        "import os, time\n"
+        f"def work(job, tell):\n    open({str(tmp_path / 'pid')!r}, 'w').write(str(os.getpid()))\n    time.sleep(600)\n"
+    )
+    asking = (
+        "import json, os, pathlib, subprocess, sys, time\n"
+        f"folder = pathlib.Path({str(folder)!r})\n"
+        "(folder / 'job.json').write_text(json.dumps({'killed_after': 600, 'parent': os.getpid()}))\n"
+        "subprocess.Popen([sys.executable, '-m', 'socp.backends.child', 'fake_solver', str(folder)],"
+        " start_new_session=True)\n"
+        "time.sleep(600)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    with subprocess.Popen([sys.executable, "-c", asking], env=environment) as parent:
+        told = tmp_path / "pid"
+        until = time.time() + TIME
+        while not (told.exists() and told.read_text()) and time.time() < until:
+            time.sleep(0.02)
+        parent.kill()
+    state = Path(f"/proc/{told.read_text()}/status")
+    while state.exists() and "zombie" not in state.read_text() and time.time() < until:
+        time.sleep(0.02)
+    assert not state.exists() or "zombie" in state.read_text()
+
+
+def test_optimal_is_a_word_that_is_not_repeated(fake: Fake) -> None:
+    """A local branch and bound calls its point optimal: it has finished, and proves no more than its bound."""
+    assert fake('tell({"v": [1.0, 0.0], "status": "optimal"})').point.message == "fake: finished"
 
 
 def test_checking_rounds_binaries_and_looks_at_the_rounded_point() -> None:

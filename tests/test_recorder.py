@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 from dataclasses import dataclass, field
@@ -18,10 +19,12 @@ from socp.guess import default_guess
 from socp.nlp import Progress
 from socp.problem import Problem
 from socp.recording import viewer
-from socp.recording.contents import control, items
+from socp.recording.contents import Run, control, items
 from socp.recording.items import Drawing, Lane, Note, Panel, Series
 from socp.recording.layout import layout, panels, visible
+from socp.recording.plane import ground, together
 from socp.registry import Registry
+from socp.scene import picture
 from socp.solution import Solution
 from socp.traces import traces
 
@@ -268,6 +271,43 @@ def test_compare_puts_the_runs_side_by_side(tmp_path: Path, capsys: pytest.Captu
     capsys.readouterr()
 
 
+def test_runs_stand_on_one_ground_that_holds_them_all(rough: tuple[Problem, Solution]) -> None:
+    from dataclasses import replace
+
+    problem, solution = rough
+    wide = replace(solution, arcs=tuple(replace(arc, x=2.0 * arc.x) for arc in solution.arcs))
+    pictures = [picture(problem, each) for each in (solution, wide)]
+    (box,) = [each for each in ground(together(pictures), "/plan") if each.path == "/plan/frame/box"]
+    assert isinstance(box, Drawing)
+    for each in pictures:
+        assert (box.points.min(axis=0) < each.path.T).all()
+        assert (box.points.max(axis=0) > each.path.T).all()
+
+
+def test_the_legend_of_several_runs_names_every_curve_once(rough: tuple[Problem, Solution]) -> None:
+    first = picture(*rough)
+    found = [
+        each
+        for label, among in (("a", None), ("b", first))
+        for each in items(*rough, Run(f"/runs/{label}", (1, 2, 3), label, among))
+    ]
+    (panel,) = [p for p in panels(layout(*rough, found, ["/runs/a", "/runs/b"])) if p.name == "Control u"]
+    assert {each.name for each in visible(found, panel) if isinstance(each, Series)} == {"a u", "b u", "bound"}
+
+
+def test_what_is_no_recording_is_not_opened_and_results_are_not_overwritten(
+    rough: tuple[Problem, Solution], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    junk, result = tmp_path / "junk.rrd", tmp_path / "a.socp.json"
+    junk.write_text("junk")
+    assert main(["view", str(junk)]) == 1
+    assert "is no recording" in capsys.readouterr().err
+    rough[1].save(result)
+    assert main(["solve", "jacobson_1", "--record", str(result)]) == 2
+    assert "recordings end with .rrd" in capsys.readouterr().err
+    assert Solution.load(result).stop.ok
+
+
 def test_view_opens_the_native_viewer_on_this_computer_alone(
     auv: Recorded, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -279,6 +319,7 @@ def test_view_opens_the_native_viewer_on_this_computer_alone(
         return subprocess.CompletedProcess(command, 0, "", "")
 
     monkeypatch.setattr(viewer.subprocess, "run", started)
+    monkeypatch.setenv("DISPLAY", ":0")
     result = tmp_path / "auv.socp.json"
     auv.solution.save(result)
     assert main(["view", str(auv.path)]) == 0
@@ -384,10 +425,46 @@ def test_a_viewer_that_ends_at_once_is_explained(tmp_path: Path, monkeypatch: py
     broken.write_text("#!/bin/sh\necho starting >&2\necho 'Error: no display' >&2\nexit 7\n")
     broken.chmod(0o755)
     monkeypatch.setattr(viewer, "executable", lambda: str(broken))
+    monkeypatch.setenv("DISPLAY", ":0")
     with pytest.raises(SolveError, match="ended with code 7: Error: no display"):
         viewer.ready(port=1)
     with pytest.raises(SolveError, match="ended with code 7: Error: no display"):
         viewer.show(tmp_path / "a.rrd")
+
+
+def test_a_computer_without_a_display_is_one_line_and_the_file_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(viewer.sys, "platform", "linux")
+    monkeypatch.setattr(viewer.ready, "__defaults__", (1, 1.0))
+    path = tmp_path / "a.rrd"
+    code, _ = solved(tmp_path, "--live", "--record", str(path))
+    assert code == 0
+    assert "there is no display" in one_line(capsys.readouterr().err)
+    assert ("/states/x", "t") in read(path).series
+
+
+def test_a_viewer_that_ends_after_its_port_opened_is_explained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    late = tmp_path / "rerun"
+    late.write_text("#!/bin/sh\nsleep 0.2\necho 'Error: os error at /x/y.rs:7: no screen' >&2\nexit 1\n")
+    late.chmod(0o755)
+    monkeypatch.setattr(viewer, "executable", lambda: str(late))
+    monkeypatch.setenv("DISPLAY", ":0")
+    heard = iter([False])
+    monkeypatch.setattr(viewer, "_listens", lambda _port: next(heard, True))
+    with pytest.raises(SolveError, match="ended with code 1: Error: no screen"):
+        viewer.ready()
+
+
+def test_a_program_that_is_no_viewer_is_not_taken_for_one() -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        assert not viewer.answers(other.getsockname()[1], patience=0.2)
+        with pytest.raises(SolveError, match="no viewer"):
+            viewer.ready(other.getsockname()[1])
 
 
 def test_rerun_turned_off_is_one_line(tmp_path: Path) -> None:

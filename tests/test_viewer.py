@@ -172,6 +172,25 @@ def test_a_solve_is_streamed_to_the_viewer_and_to_the_file_at_once(
     ]
 
 
+def test_a_viewer_that_is_closed_meanwhile_costs_a_line_and_the_recording_is_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from socp.recording import viewer as native
+
+    path, registry = tmp_path / "a.rrd", Registry.load()
+    problem = registry.problem("double_integrator_vlimit")
+    (home := tmp_path / "home").mkdir()
+    with viewer(home) as closed:
+        monkeypatch.setattr(native.ready, "__defaults__", (closed.port, 1.0))
+        recorder = registry.recorder(problem, path, native.ready())
+    solution = run(registry.method("trapezoidal")(steps=20), problem, default_guess(problem))
+    recorder.finish(problem, solution)
+    assert not recorder.close()
+    (line,) = recorder.complaints
+    assert "the viewer is gone" in line
+    assert "is whole" in line
+
+
 def test_runs_side_by_side_are_seen(screen: Viewer, tmp_path: Path, folder: Path) -> None:
     from PIL import Image
 

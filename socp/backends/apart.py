@@ -149,7 +149,7 @@ def solved_apart(nlp: NLP, guess: NLPPoint, job: Job, watch: Watch) -> Outcome:
     """
     began, told = time.perf_counter(), _Told(nlp, job.name)
     kill_after = max(job.until - time.time(), 0.0) + GRACE
-    text = json.dumps({**job.job, "until": job.until, "killed_after": kill_after})
+    text = json.dumps({**job.job, "until": job.until, "killed_after": kill_after, "parent": os.getpid()})
     (job.folder / "job.json").write_text(text, encoding="utf-8")
     ended = "interrupted"
     with contextlib.suppress(KeyboardInterrupt):
@@ -221,7 +221,8 @@ def _outcome(told: _Told, guess: NLPPoint, ended: str, seconds: float) -> Outcom
         told.refused.append(f"its bound {bound:.9g} lies above the objective of a feasible point")
         bound = math.nan
     stop = _stop(told, ended)
-    status = told.error or ended or told.status or "it ended without a word"
+    said = "finished" if told.status == "optimal" else told.status  # what that proves is its bound, nothing else
+    status = told.error or ended or said or "it ended without a word"
     best = told.best or Outcome(point=replace(guess, objective=math.nan))
     refused = f" (not believed: {told.refused[-1]})" if told.refused else ""
     lacking = "" if told.best else LACKING

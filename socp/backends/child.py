@@ -4,9 +4,12 @@
 told is written to the folder at once, a line of JSON each, so that nothing is lost when the process is ended.
 """
 
+import ctypes
 import importlib
 import json
+import os
 import resource
+import signal
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -14,6 +17,7 @@ from typing import Any
 
 TOLD = "told.jsonl"
 Tell = Callable[[Mapping[str, Any]], None]
+_PARENT_ENDS = 1  # PR_SET_PDEATHSIG
 
 
 def main(module: str, folder: str) -> None:
@@ -21,6 +25,7 @@ def main(module: str, folder: str) -> None:
     job = json.loads((Path(folder) / "job.json").read_text(encoding="utf-8"))
     limit = int(job["killed_after"]) * 4 + 60  # of processor time, on several threads: should the parent be gone
     resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5))
+    _end_with(job["parent"])
     with (Path(folder) / TOLD).open("w", encoding="utf-8", buffering=1) as file:
 
         def tell(record: Mapping[str, Any]) -> None:
@@ -31,6 +36,14 @@ def main(module: str, folder: str) -> None:
             importlib.import_module(module).work({**job, "folder": folder}, tell)
         except Exception as error:  # noqa: BLE001 - the parent is told of it, whatever it is
             tell({"error": f"{type(error).__name__}: {error}".strip().splitlines()[-1][:300]})
+
+
+def _end_with(parent: int) -> None:
+    """Have this process ended with its parent, however that ends; elsewhere than on Linux the limit has to do."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PARENT_ENDS, signal.SIGKILL)
+    if os.getppid() != parent:  # it has ended already
+        sys.exit()
 
 
 if __name__ == "__main__":

@@ -88,6 +88,7 @@ class Ipopt:
             raise observer.error
         seconds = {"build": built - began, "solve": time.perf_counter() - built}
         point = _point(result, solver.stats(), seconds)
+        point = replace(point, stop=Stop.INTERRUPTED) if observer.stop else point  # Ipopt asks no more at its end
         return _explained(point, nlp, guess, self.options) if point.stop is Stop.FAILED else point
 
 

@@ -2,11 +2,14 @@
 
 import os
 import shlex
+import signal
 import sys
+import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from types import FrameType
 from typing import Any
 
 import click
@@ -70,9 +73,9 @@ for _command in (
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code; every error becomes a message."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    session = Session(debug="--debug" in given)
+    session, pressed = Session(debug="--debug" in given), list[int]()
     try:
-        with _one_line_warnings(session.warn):
+        with _one_line_warnings(session.warn), _noted(pressed):
             code = socp.main(args=given, prog_name="socp", obj=session, standalone_mode=False)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.exceptions.Abort):
@@ -83,6 +86,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except (click.ClickException, SocpError) as error:
         return _expected(error, session)
     except Exception as error:  # noqa: BLE001 - a bug is one line and a hint, not a traceback
+        if pressed:  # what Ctrl-C breaks off while a package is imported fails in some other way later
+            _say("interrupted; nothing was written", session)
+            return Exit.INTERRUPTED
         return _internal(error, session, given)
     return code if isinstance(code, int) else Exit.SOLVED
 
@@ -112,6 +118,25 @@ def _say(text: str, session: Session, error: BaseException | None = None) -> Non
     if session.debug and error is not None:
         traceback.print_exception(error)
     messages().print(Text.assemble(("error: " if error else "", "bold red"), text), soft_wrap=True)
+
+
+@contextmanager
+def _noted(pressed: list[int]) -> Iterator[None]:
+    """Note Ctrl-C, which interrupts as ever."""
+    before = signal.getsignal(signal.SIGINT)
+    if before is not signal.default_int_handler or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def press(number: int, frame: FrameType | None) -> None:
+        pressed.append(number)
+        signal.default_int_handler(number, frame)
+
+    signal.signal(signal.SIGINT, press)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

@@ -89,9 +89,19 @@ def export(session: Session, /, **given: str | None) -> int:
     asked = Asked(**given)  # type: ignore[arg-type]  # click gives every name, the argument always
     chosen = FORMATS[_chosen(asked)]
     path = Path(asked.out) if asked.out else Path(stem(asked.source) + chosen.ending)
+    _check_source(asked, chosen)
     chosen.write(session, asked, path)
     click.echo(path)
     return Exit.SOLVED
+
+
+def _check_source(asked: Asked, chosen: Format) -> None:
+    """Raise MethodError where a problem file is given to a format of results, or the other way round."""
+    given = {".py": "problem", ".json": "result"}.get(Path(asked.source).suffix, chosen.takes)
+    if given != chosen.takes:
+        others = ", ".join(name for name, each in FORMATS.items() if each.takes == given)
+        made = f"but {_chosen(asked)} is made of a {chosen.takes}"
+        raise MethodError(f"{asked.source} is a {given}, {made}; for a {given} take {others}")
 
 
 def stem(source: str) -> str:

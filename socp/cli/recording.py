@@ -10,7 +10,7 @@ import click
 
 from socp.cli.loading import load_result
 from socp.cli.session import Exit, Session, writable
-from socp.errors import ProblemError, SolveError
+from socp.errors import MethodError, ProblemError, SolveError
 from socp.registry import Registry
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 ENDING = ".rrd"
+_MAGIC = b"RRF2"  # what recordings begin with
 
 
 def record_option(command: Command) -> Command:
@@ -45,7 +46,7 @@ def recording(
     """
     from socp.recording.guard import Guarded
 
-    path = None if record is None else writable(Path(record), "--record")
+    path = None if record is None else _place(Path(record), "--record")
     address = _viewer(session) if live else ""
     if path is None and not address:
         yield Guarded(None)
@@ -81,7 +82,7 @@ def told(watch: "Watch", recorder: "Guarded") -> "Watch":
 def record(session: Session, /, result: str, out: str | None, problem: str | None) -> int:
     """Record a saved result: the file .rrd opens in rerun's viewer, with 'socp view'."""
     name = Path(result).name.removesuffix(".json").removesuffix(".socp")
-    path = writable(Path(out or f"{name}{ENDING}"), "--out")
+    path = _place(Path(out or f"{name}{ENDING}"), "--out")
     _record(session.registry(), result, problem, path)
     click.echo(path)
     return Exit.SOLVED
@@ -98,9 +99,11 @@ def view(session: Session, /, source: str, problem: str | None) -> int:
     path = Path(source)
     if not path.is_file():
         raise SolveError(f"{path}: there is no such file")
-    if path.suffix == ENDING:
+    if _is_recording(path):
         viewer.show(path)
         return Exit.SOLVED
+    if path.suffix == ENDING:
+        raise SolveError(f"{path}: is no recording: it does not begin as one")
     with tempfile.TemporaryDirectory(prefix="socp-") as folder:
         made = Path(folder) / f"{path.name.removesuffix('.json').removesuffix('.socp')}{ENDING}"
         _record(session.registry(), source, problem, made)
@@ -118,6 +121,18 @@ def _record(registry: Registry, result: str, given: str | None, path: Path) -> N
     recorder.close()
     if recorder.complaints:
         raise SolveError(recorder.complaints[0])
+
+
+def _place(path: Path, option: str) -> Path:
+    """Return a path for a recording; MethodError where none can be, or where a result or the like may stand."""
+    if path.suffix not in {"", ENDING}:
+        raise MethodError(f"{option} {path}: it ends with '{path.suffix}'; recordings end with {ENDING}")
+    return writable(path, option)
+
+
+def _is_recording(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(_MAGIC)) == _MAGIC
 
 
 def _viewer(session: Session) -> str:

@@ -28,7 +28,7 @@ _UNSAFE = re.compile(r"[^\w./-]")  # what a path would need escapes for
 class Run:
     """A run in a recording: where its paths begin, and the colour and label it has beside others.
 
-    `among` is the picture of the first of several runs, which draws what they share.
+    `among` is the picture of the first of several runs, which says to what scale all of them are drawn.
     """
 
     root: str = ""
@@ -47,6 +47,10 @@ class Run:
             name=shown,
             colour=self.colour or colour,
         )
+
+    def mark(self, path: str, at: np.ndarray, values: np.ndarray, name: str) -> Series:
+        """Return a series beside the curves, grey, named the same in all runs: legends merge what is named the same."""
+        return replace(self.series(path, at, values, name, GREY), name=name)
 
 
 def items(problem: Problem, solution: Solution, run: Run = Run()) -> list[Item]:
@@ -79,12 +83,13 @@ def _along(problem: Problem, solution: Solution, run: Run) -> Iterator[Item]:
         yield from _bounds(run, f"controls/{name}", ends, problem.box[:, k])
         switches = np.array([end for _, _, end in solution.structure.get(name, ())[:-1]])
         if switches.size:
-            marks = run.series(f"controls/{name}/switches", switches, solution.at(switches, "u")[k], "switch", GREY)
+            called = name if run.label else "switch"  # as the curve, so that legends of several runs stay short
+            marks = run.series(f"controls/{name}/switches", switches, solution.at(switches, "u")[k], called, GREY)
             yield replace(marks, points=True, width=5.0)
         if np.isfinite(values.switching[k]).any():
             yield run.series(f"switching/{name}", t, values.switching[k], name, colour)
     if np.isfinite(values.switching).any() and run.among is None:
-        yield replace(run.series("switching/zero", ends, np.zeros(2), "zero", GREY), colour=GREY, width=1.0)
+        yield replace(run.mark("switching/zero", ends, np.zeros(2), "zero"), colour=GREY, width=1.0)
     if np.isfinite(values.hamiltonian).any():
         terms = np.nanmax(np.abs(values.costate), axis=1) * np.ptp(values.x, axis=1) / np.ptp(t)
         yield replace(run.series("hamiltonian", t, values.hamiltonian, "H", PALETTE[5]), magnitude=float(terms.sum()))
@@ -121,7 +126,7 @@ def _pieces(arc: Arc, k: int) -> tuple[np.ndarray, np.ndarray]:
 def _bounds(run: Run, path: str, ends: np.ndarray, box: np.ndarray) -> Iterator[Item]:
     for side, bound in zip(("lower", "upper"), box, strict=True):
         if np.isfinite(bound) and run.among is None:
-            line = run.series(f"{path}/{side}", ends, np.full(2, bound), side, GREY)
+            line = run.mark(f"{path}/{side}", ends, np.full(2, bound), "bound")
             yield replace(line, colour=GREY, width=1.0)
 
 
@@ -138,7 +143,7 @@ def _verdict(solution: Solution, run: Run) -> Iterator[Item]:
     if solution.verdict is None:
         return
     ends = np.array([solution.initial_time, solution.final_time])
-    allowed = run.series("principle/allowed", ends, np.full(2, np.log10(EXTREMAL)), "allowed", GREY)
+    allowed = run.mark("principle/allowed", ends, np.full(2, np.log10(EXTREMAL)), "allowed")
     if run.among is None:
         yield replace(allowed, colour=GREY, width=1.0)
     names = list(dict.fromkeys(each.condition for each in solution.verdict.findings))

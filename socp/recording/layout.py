@@ -8,8 +8,8 @@ import numpy as np
 from socp.problem import Problem
 from socp.recording.contents import BARS
 from socp.recording.items import GREY, Corner, Group, Item, Panel, Series, Timeline
-from socp.recording.plane import STRIP, window
-from socp.scene import picture
+from socp.recording.plane import STRIP, scale, window
+from socp.scene import Picture, picture
 from socp.solution import Solution
 
 HELP = """\
@@ -26,18 +26,19 @@ _QUANTITIES = {
 
 def layout(
     problem: Problem, solution: Solution, items: Sequence[Item], roots: Sequence[str] = ("",),
-    factors: tuple[float, float] | None = None,
+    factors: tuple[float, float] | None = None, seen: Picture | None = None,
 ) -> Group:  # fmt: skip
     """Return the tabs of a recording of `items`, whose paths begin with `roots`: one, or one a run.
 
-    `solution` is the one whose picture decides what the plane shows. The tabs are those of the solution, of the solver,
-    and of the solve as it ran; `factors` are those that its iterates are drawn with.
+    `seen` is what the plane shows, by default the picture of `solution`. The tabs are those of the solution,
+    of the solver, and of the solve as it ran; `factors` are those that its iterates are drawn with.
     """
+    first = picture(problem, solution)
     paths = {each.path.removeprefix(root) for each in items for root in roots if each.path.startswith(f"{root}/")}
     tabs = (
-        _solution(problem, solution, paths, roots),
+        _solution(problem, seen or first, scale(first), paths, roots),
         _solver(paths, roots),
-        streaming(window(picture(problem, solution), factors)),
+        streaming(window(first, factors)),
     )
     return _fitted(Group(kind="tabs", parts=tabs), items)
 
@@ -55,9 +56,10 @@ def streaming(box: np.ndarray | None = None) -> Group:
     return Group(kind="row", name="Progress", parts=(plane, Group(kind="column", parts=curves)), shares=(1.0, 1.0))
 
 
-def _solution(problem: Problem, solution: Solution, paths: set[str], roots: Sequence[str]) -> Group:
-    seen = picture(problem, solution)
-    plane = Panel(kind="plane", name="Plane", contents=_at(roots, "/plan/**"), box=window(seen))
+def _solution(
+    problem: Problem, seen: Picture, factors: tuple[float, float], paths: set[str], roots: Sequence[str]
+) -> Group:
+    plane = Panel(kind="plane", name="Plane", contents=_at(roots, "/plan/**"), box=window(seen, factors))
     lanes = Panel(kind="lanes", name="Arcs", contents=_at(roots, "/arcs/**"))
     controls = [_curves(f"Control {_unit(problem, n)}", _at(roots, f"/controls/{n}/**")) for n in problem.control_names]
     states = [_curves(f"State {_unit(problem, n)}", _at(roots, f"/states/{n}/**")) for n in problem.state_names]

@@ -1,6 +1,7 @@
 """The picture of a solution: path, switches, start, target and current in the plane, and who moves there."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +19,8 @@ def drawings(
 ) -> Iterator[Item]:
     """Yield what is drawn of a solution below `/plan`; `colour` tells it from other runs.
 
-    `among` is the picture of the run that has drawn frame, target and flow for all of them.
+    `among` is the picture of the first of several runs, whose scale all of them have. Several runs, told apart by
+    `colour`, stand on one `ground`, which is drawn once all of them are known.
     """
     seen = picture(problem, solution)
     plan = f"{root}/plan"
@@ -31,11 +33,16 @@ def drawings(
         if colour is None:
             yield from _labels(seen, f"{plan}/labels")
     yield from _moving(seen, plan, colour or _VEHICLE)
-    if among is None:
-        yield from _ground(seen, plan)
+    if colour is None:
+        yield from ground(seen, plan)
 
 
-def _ground(seen: Picture, plan: str) -> Iterator[Item]:
+def together(pictures: Sequence[Picture]) -> Picture:
+    """Return the first of several pictures with room for the paths of all."""
+    return replace(pictures[0], path=np.hstack([each.path for each in pictures]))
+
+
+def ground(seen: Picture, plan: str) -> Iterator[Item]:
     """Yield what stays: target, current, frame."""
     if seen.target is not None:
         angle = np.linspace(0.0, 2.0 * np.pi, 49)

@@ -1,7 +1,9 @@
 """Rerun's native viewer: found, started and bound to this computer alone."""
 
 import os
+import re
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -13,6 +15,9 @@ from socp.errors import SolveError
 
 HOST, PORT = "127.0.0.1", 9876  # rerun's own port
 PATIENCE = 20.0  # seconds for a viewer to open
+_STAYS = 0.7  # seconds after which a viewer without a window is gone: its port opens before its window does
+_GREETING = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\x00\x00\x00\x04\x00\x00\x00\x00\x00"  # and empty settings
+_SETTINGS = 4  # the kind of frame that answers it
 
 
 def executable() -> str:
@@ -27,6 +32,7 @@ def executable() -> str:
 def show(path: Path) -> None:
     """Open a recording in the viewer and wait until it is closed; SolveError says why it did not open."""
     command = [executable(), "--bind", HOST, "--port", "0", str(path)]
+    _needs_display()
     ended = subprocess.run(command, env=_silent(), check=False, capture_output=True, text=True)  # noqa: S603 - ours
     if ended.returncode != 0:
         raise SolveError(f"{path}: the viewer {_reason(ended.returncode, ended.stderr)}")
@@ -38,8 +44,22 @@ def ready(port: int = PORT, patience: float = PATIENCE) -> str:
     SolveError says why none could be started.
     """
     if not _listens(port):
-        _start([executable(), "--bind", HOST, "--port", str(port)], port, patience)
+        command = [executable(), "--bind", HOST, "--port", str(port)]
+        _needs_display()
+        _start(command, port, patience)
+    elif not answers(port):
+        raise SolveError(f"port {port} of this computer is taken by a program that is no viewer")
     return f"rerun+http://{HOST}:{port}/proxy"
+
+
+def answers(port: int = PORT, patience: float = 3.0) -> bool:
+    """Tell whether a viewer, or at least a program that speaks HTTP/2 as viewers do, answers at a port."""
+    try:
+        with socket.create_connection((HOST, port), timeout=patience) as probe:
+            probe.sendall(_GREETING)
+            return probe.recv(9)[3:4] == bytes([_SETTINGS])
+    except OSError:
+        return False
 
 
 def _start(command: list[str], port: int, patience: float) -> None:
@@ -47,15 +67,32 @@ def _start(command: list[str], port: int, patience: float) -> None:
         viewer = subprocess.Popen(  # noqa: S603 - ours
             command, env=_silent(), stdout=subprocess.DEVNULL, stderr=said, text=True, start_new_session=True
         )
-        last = time.monotonic() + patience
-        while not _listens(port):
+        last, since = time.monotonic() + patience, None
+        while since is None or time.monotonic() < since + _STAYS:
             if viewer.poll() is not None:
                 said.seek(0)
                 raise SolveError(f"the viewer {_reason(viewer.returncode, said.read())}")
-            if time.monotonic() > last:
-                viewer.terminate()
+            if since is None and _listens(port):
+                since = time.monotonic()
+            if since is None and time.monotonic() > last:
+                _end(viewer)
                 raise SolveError(f"the viewer did not open within {patience:g} seconds")
             time.sleep(0.05)
+
+
+def _end(viewer: "subprocess.Popen[str]") -> None:
+    """End a viewer with all that it started: its command may be a script that starts it."""
+    if sys.platform == "win32":
+        viewer.terminate()
+    else:
+        os.killpg(viewer.pid, signal.SIGTERM)
+
+
+def _needs_display() -> None:
+    """Raise SolveError where a window cannot be: on Linux and the like, what shows windows is named by a variable."""
+    names = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+    if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in names):
+        raise SolveError("there is no display for the viewer: neither DISPLAY nor WAYLAND_DISPLAY is set")
 
 
 def _listens(port: int) -> bool:
@@ -72,4 +109,5 @@ def _silent() -> dict[str, str]:
 def _reason(code: int, said: str) -> str:
     lines = [line.strip() for line in said.splitlines() if line.strip()]
     telling = [line for line in lines if "error" in line.lower()] or lines
-    return f"ended with code {code}" + (f": {telling[-1]}" if telling else "")
+    shown = re.sub(r"os error at \S+: ", "", telling[-1]) if telling else ""  # without a place in the viewer's source
+    return f"ended with code {code}" + (f": {shown}" if shown else "")
