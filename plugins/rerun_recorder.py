@@ -26,7 +26,8 @@ from socp.solution import Solution
 SCHEMA = 1  # version of what a recording holds, in its properties
 _FOOTER = b"RRF2FOOT"  # near the end of every file that was closed in order
 _EVERY = 0.2  # seconds between two writes while a solver runs
-_WRITING, _ENDING, _GONE = 15.0, 10.0, 1.0  # seconds to wait for what is not yet written; to a viewer that is gone it never will be
+_WRITING, _ENDING = 15.0, 10.0  # seconds to wait for what is not yet written, and for the end of the stream
+_GONE = 1.0  # the same where the viewer is gone, or the writer has given up
 _SHARE, _APART = 0.05, 1 / 12  # iterates take this share of the time at most, and wait for that share of it
 
 
@@ -129,20 +130,23 @@ class Recorder:
             self.stream.flush(timeout_sec=_GONE if gone else _WRITING)
         except RuntimeError:  # rerun's writer has given up, or the viewer is gone
             sent = False
-        sent = self._disconnect() and sent
+        sent = self._disconnect(_ENDING if sent or gone else _GONE) and sent
         if self.path is not None and not ((sent or gone) and _complete(self.path)):
             raise SolveError(f"{self.path}: the recording is not whole; is the disk full?")
         if gone or not sent:
             kept = "" if self.path is None else f"; the recording in {self.path} is whole"
             raise SolveError(f"not shown to its end: the viewer is gone{kept}")
 
-    def _disconnect(self) -> bool:
-        """End the stream, and tell whether it has ended: on a full disk it may never do, nor let the process end."""
+    def _disconnect(self, patience: float) -> bool:
+        """End the stream, waiting so many seconds at most, and tell whether it has ended.
+
+        On a full disk it may never do, nor let the process end.
+        """
         import rerun as rr
 
         ending = Thread(target=self.stream.disconnect, daemon=True)
         ending.start()
-        ending.join(_ENDING)
+        ending.join(patience)
         if ending.is_alive():
             rr.unregister_shutdown()
         return not ending.is_alive()
