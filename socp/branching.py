@@ -19,7 +19,7 @@ from socp.meshing import tails
 from socp.nlp import Watch, silent
 from socp.principle import Modes
 from socp.refine import tried
-from socp.search import node
+from socp.search import node, rank
 from socp.simulate import scales
 from socp.softening import missed
 from socp.solution import Node, Solution, Stop
@@ -226,7 +226,7 @@ class Branching:
                 self.stopped = solution.stop.value
             return
         self.ledger.solved.add(now.arcs)
-        if solution.extremal or self.best is None or _order(solution) < _order(self.best):
+        if solution.extremal or self.best is None or rank(solution) < rank(self.best):
             self.best = solution
         if not solution.extremal:
             self.queue += self._ranked(mends(self.coarse.problem, now, solution), solution.objective)
@@ -244,7 +244,3 @@ class Branching:
 
     def _note(self, now: Candidate, solution: Solution | None) -> None:
         self.nodes.append(node(str(Word(self.coarse.problem.control_names, now.arcs)), solution))
-
-
-def _order(solution: Solution) -> tuple[bool, float]:
-    return (solution.verdict is None or not solution.verdict.miss <= 1e-6, solution.objective)

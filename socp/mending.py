@@ -140,8 +140,8 @@ def without(given: Candidate, shortest: float) -> Candidate:
     """Return a candidate without the arcs that are no longer than the shortest; the longest one stays in any case."""
     longest = int(np.argmax(np.diff(given.edges)))  # of a horizon that shrank to a point too
     keep = [k for k, (a, b) in enumerate(pairwise(given.edges)) if b - a > shortest or k == longest]
-    edges = [given.edges[k] for k in keep]
-    return Candidate(tuple(given.arcs[k] for k in keep), (*edges, given.edges[-1]), given.source)
+    edges = (given.edges[0], *(given.edges[k] for k in keep[1:]), given.edges[-1])
+    return Candidate(tuple(given.arcs[k] for k in keep), edges, given.source)
 
 
 def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Candidate]:

@@ -1,10 +1,10 @@
 """Words next to a word: without one of its arcs, or with one more."""
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 
 import numpy as np
 
+from socp import mending
 from socp.mending import Candidate, Joint, merged
 from socp.solution import Solution
 from socp.word import Word
@@ -25,10 +25,7 @@ def _text(solution: Solution) -> str:
 
 def without(given: Candidate, shortest: float) -> Candidate:
     """Return a candidate without its arcs that are at most so short, relative to the horizon."""
-    least = shortest * (given.edges[-1] - given.edges[0])
-    keep = [k for k, (a, b) in enumerate(pairwise(given.edges)) if b - a > least]
-    edges = (given.edges[0], *(given.edges[k] for k in keep[1:]), given.edges[-1])
-    return merged(Candidate(tuple(given.arcs[k] for k in keep), edges, given.source))
+    return merged(mending.without(given, shortest * (given.edges[-1] - given.edges[0])))
 
 
 def left_out(now: Candidate) -> Iterator[Candidate]:

@@ -16,7 +16,7 @@ from socp.modes import arc_modes
 from socp.nlp import Watch, silent
 from socp.polish import polished
 from socp.problem import Problem
-from socp.search import Ration, Search
+from socp.search import Ration, Search, rank
 from socp.simulate import scales
 from socp.solution import Solution, Stop
 from socp.substitutes import substitutes
@@ -69,10 +69,10 @@ def refine(
                 queue += [(0.2 + 1e-3 * k, each) for k, each in enumerate(substitutes(problem, now))]
             continue
         search.solved.add(now.key)
-        if solution.extremal or _rank(solution) < _rank(search.best):
+        if solution.extremal or rank(solution) < rank(search.best):
             search.best = solution
-        rank = solution.verdict.residual if solution.verdict else 1.0
-        queue += [(rank + 1e-3 * k, each) for k, each in enumerate(mends(problem, now, solution))]
+        residual = solution.verdict.residual if solution.verdict else 1.0
+        queue += [(residual + 1e-3 * k, each) for k, each in enumerate(mends(problem, now, solution))]
     return search.best
 
 
@@ -139,13 +139,6 @@ def _sharpened(problem: Problem, word: Word, solution: Solution, backend: Ration
     if sharper.stop is Stop.INTERRUPTED:
         return replace(solution, stop=Stop.INTERRUPTED)
     return judge(problem, sharper) if sharper.stop.ok else solution
-
-
-def _rank(solution: Solution | None) -> tuple[bool, float]:
-    """Order solutions: feasible ones first, then by objective."""
-    if solution is None or solution.verdict is None:
-        return (True, float("inf"))
-    return (not solution.verdict.miss <= 1e-6, solution.objective)
 
 
 # -- what is left to say

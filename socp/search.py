@@ -83,3 +83,10 @@ def node(word: str, solution: Solution | None) -> Node:
     verdict = solution.verdict
     judged = {} if verdict is None else {"miss": verdict.miss, "residual": verdict.residual}
     return Node(word=word, stop=solution.stop.name, objective=solution.objective, **judged)
+
+
+def rank(solution: Solution | None) -> tuple[bool, float]:
+    """Order solutions: feasible ones first, then by objective."""
+    if solution is None or solution.verdict is None:
+        return (True, float("inf"))
+    return (not solution.verdict.miss <= 1e-6, solution.objective)
