@@ -1,13 +1,17 @@
 """What is built holds what it must, and every entry point leads somewhere."""
 
+import re
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.utils import canonicalize_name
+from packaging.version import Version
 
 from socp.method import Method
 from socp.registry import Registry
@@ -33,6 +37,31 @@ def test_the_command_is_installed() -> None:
     (point,) = metadata.entry_points(group="console_scripts", name="socp")
     assert point.value == "socp.cli:main"
     assert callable(point.load())
+
+
+def requirements() -> dict[str, str]:
+    """Return the lowest version of every package that pyproject.toml asks for."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    lines = [*project["dependencies"], *(line for extra in project["optional-dependencies"].values() for line in extra)]
+    found = [re.match(r"([\w-]+)(?:\[\w+\])?>=([\w.]+)", line) for line in lines]
+    assert None not in found, "every package has a lower bound"
+    return {each[1]: each[2] for each in found if each}
+
+
+def pins(name: str) -> dict[str, str]:
+    lines = (ROOT / "constraints" / name).read_text().splitlines()
+    return dict(line.split("==") for line in lines if not line.startswith("#"))
+
+
+def test_the_lowest_versions_are_those_that_pyproject_allows() -> None:
+    assert pins("lowest.txt") == requirements()
+
+
+def test_every_package_has_a_tested_version_that_pyproject_allows() -> None:
+    tested = {canonicalize_name(name): version for name, version in pins("tested.txt").items()}
+    for name, lowest in requirements().items():
+        if name != "setuptools":  # comes with every environment
+            assert Version(tested[name]) >= Version(lowest), name
 
 
 @pytest.mark.slow
