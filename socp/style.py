@@ -3,6 +3,8 @@
 import re
 from collections.abc import Mapping
 
+from socp.printable import one_line
+
 FONT, SMALL = 8.0, 7.0  # points, as in the captions and notes of a two-column paper
 THIN, LINE = 0.6, 1.1  # points
 _TINT = 0.25  # share of its colour in the shade of an arc
@@ -53,7 +55,8 @@ def symbol(name: str) -> str:
 
 def label(text: str, unit: str = "") -> str:
     """Return the label of an axis from a text in mathtext and a unit."""
-    return f"${text}$" + (f" ({unit})" if unit else "")
+    shown = one_line(unit).replace("$", r"\$")
+    return f"${text}$" + (f" ({shown})" if unit else "")
 
 
 def _word(word: str) -> str:

@@ -29,7 +29,7 @@ def progress(console: Console, label: str, *, quiet: bool) -> "Iterator[Watch]":
         yield silent
     elif console.is_terminal:
         first = Text(f"{label}: building")
-        with Live(first, console=console, transient=True, auto_refresh=False, redirect_stdout=False) as live:
+        with Live(first, console=console, transient=True, auto_refresh=False) as live:
             live.refresh()
             yield Display(label, lambda view: live.update(view.table(), refresh=True), _LIVE)
     else:

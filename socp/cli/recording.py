@@ -84,7 +84,7 @@ def record(session: Session, /, result: str, out: str | None, problem: str | Non
     name = Path(result).name.removesuffix(".json").removesuffix(".socp")
     path = _place(Path(out or f"{name}{ENDING}"), "--out")
     _record(session.registry(), result, problem, path)
-    click.echo(path)
+    session.tell(path)
     return Exit.SOLVED
 
 
