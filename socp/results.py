@@ -74,6 +74,8 @@ def write_atomic(path: Path, content: str | bytes) -> None:
     """
     temporary = path.parent / f".socp-{secrets.token_hex(8)}.part"
     try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise SolveError(f"{path}: is no regular file, which alone can be replaced")
         handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
     except OSError as error:
         raise SolveError(f"{path}: cannot be written: {error.strerror or error}") from error

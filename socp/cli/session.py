@@ -73,12 +73,19 @@ class Session:
         say(printable(path) if results().is_terminal else str(path))
 
 
-def writable(path: Path, option: str = "--out") -> Path:
-    """Return a path that can be written; MethodError says before the solve, not after it, why one cannot."""
+def writable(path: Path, option: str = "--out", *, replaced: bool = True) -> Path:
+    """Return a path that can be written; MethodError says before the solve, not after it, why one cannot.
+
+    `replaced`: the file is put in the place of one that is there, which must not happen to a device or a pipe.
+    """
     folder = path.parent
-    if path.is_dir():
+    try:
+        there, regular, directory = path.exists(), path.is_file(), path.is_dir()
+    except OSError as error:
+        raise MethodError(f"{option} {path}: {error.strerror or error}; name another file") from error
+    if directory:
         raise MethodError(f"{option} {path}: is a directory; name a file in it")
-    if path.exists() and not path.is_file():
+    if replaced and there and not regular:
         raise MethodError(f"{option} {path}: is no regular file, which alone can be replaced; name another")
     if not folder.is_dir():
         raise MethodError(f"{option} {path}: there is no directory {folder}")
