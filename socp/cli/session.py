@@ -13,7 +13,7 @@ from typing import Any, final
 from rich.console import Console, RenderableType
 from rich.text import Text
 
-from socp.cli.consoles import console
+from socp.cli.consoles import Shadow, console
 from socp.cli.streams import current, say
 from socp.errors import MethodError
 from socp.printable import file_stem, one_line, printable
@@ -100,9 +100,9 @@ def named_after(problem: str, ending: str) -> Path:
 
 
 def results() -> Console:
-    """Return the console of results: standard output."""
+    """Return a console that renders as standard output would, without writing there."""
     streams = current()
-    return console(sys.stdout if streams is None else streams.report, piped=_PIPED)
+    return console(Shadow(sys.stdout if streams is None else streams.report), piped=_PIPED)
 
 
 def messages() -> Console:
