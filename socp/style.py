@@ -55,8 +55,12 @@ def symbol(name: str) -> str:
 
 def label(text: str, unit: str = "") -> str:
     """Return the label of an axis from a text in mathtext and a unit."""
-    shown = one_line(unit).replace("$", r"\$")
-    return f"${text}$" + (f" ({shown})" if unit else "")
+    return f"${text}$" + (f" ({unit})" if unit else "")
+
+
+def plain(text: str) -> str:
+    """Return foreign text as it may stand beside mathtext: on one line, its dollars no signs of mathematics."""
+    return one_line(text).replace("$", r"\$")
 
 
 def _word(word: str) -> str:
