@@ -20,7 +20,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socp import Ipopt, Problem, Solution, controls, final_time, states
+from socp import Ipopt, Problem, Solution, controls, final_time, states, style
 from socp.aside import aside
 from socp.backends import apart
 from socp.cli import main
@@ -34,7 +34,6 @@ from socp.recording.summary import comparison, search, summary
 from socp.records import Node
 from socp.results import write_atomic
 from socp.solution import Stop
-from socp.style import plain
 
 FULL = Path("/dev/full")
 CART = """from socp import Problem, controls, final_time, states
@@ -554,7 +553,7 @@ def test_recordings_and_notebooks_show_text_as_it_is(socp: Command) -> None:
     for shown in (solution._repr_html_(), problem._repr_html_(), verdict._repr_html_()):
         assert not RAW.search(shown)
         assert "<script" not in shown
-    assert plain("$\x1b") == r"\$\x1b"
+    assert style.plain("$\x1b") == r"\$\x1b"
 
 
 # -- files
