@@ -12,6 +12,7 @@ import numpy as np
 
 from socp import SolveError, hookimpl
 from socp.nlp import Progress
+from socp.printable import file_stem, one_line
 from socp.problem import Problem
 from socp.recording import viewer
 from socp.recording.contents import Run, items, log10
@@ -67,8 +68,8 @@ class Recorder:
         import rerun as rr
 
         rr.set_strict_mode(True)
-        layout_name = f"socp-{problem.name}{'-compare' if several else ''}"
-        name = f"{problem.name}-{time.time_ns():x}"
+        layout_name = f"socp-{file_stem(problem.name)}{'-compare' if several else ''}"
+        name = f"{file_stem(problem.name)}-{time.time_ns():x}"
         stream = rr.RecordingStream(layout_name, recording_id=name)
         stream.set_log_time_enabled(False)
         if path is not None and live:
@@ -157,8 +158,8 @@ class Recorder:
         first = self.finished[0]
         about = {
             "schema": SCHEMA,
-            "problem": self.problem.name,
-            "title": self.problem.title,
+            "problem": one_line(self.problem.name),
+            "title": one_line(self.problem.title),
             "runs": len(self.finished),
         }
         seen = together([picture(self.problem, each) for each in self.finished])
@@ -169,12 +170,14 @@ class Recorder:
                 send(self.stream, each)
         else:
             roots = [""]
-            about |= {"method": first.method, "stop": first.stop.name, "objective": first.objective, "word": first.word}
-            about |= {"extremal": str(first.extremal), **{f"version {k}": v for k, v in first.versions.items()}}
+            about |= {"method": one_line(first.method), "stop": first.stop.name, "objective": first.objective}
+            about |= {"word": one_line(first.word), "extremal": str(first.extremal)}
+            about |= {f"version {k}": one_line(v) for k, v in first.versions.items()}
         self.stream.send_property(
             "socp", rr.AnyValues(**{key.replace(" ", "_"): value for key, value in about.items()})
         )
-        self.stream.send_recording_name(f"{self.problem.name}: {', '.join(each.method for each in self.finished)}")
+        methods = ", ".join(each.method for each in self.finished)
+        self.stream.send_recording_name(one_line(f"{self.problem.name}: {methods}"))
         tabs = layout(self.problem, first, self.items, roots, self.factors, seen)
         self.stream.send_blueprint(blueprint(tabs, "t"))
 
@@ -193,7 +196,7 @@ class Recorder:
         import rerun as rr
 
         self.stream.set_time("progress", sequence=self.count)
-        self.stream.log("/progress/stage", rr.StateChange(state=self.stage))
+        self.stream.log("/progress/stage", rr.StateChange(state=one_line(self.stage)))
 
     def _iterate(self, now: Solution) -> None:
         """Draw the path of an iterate, and keep account of what that took."""

@@ -19,6 +19,7 @@ from socp.enclosure import enclosed
 from socp.modes import arc_modes
 from socp.nlp import NLPPoint
 from socp.principle import Modes
+from socp.printable import one_line
 from socp.problem import Problem
 from socp.reach import reachable
 from socp.schemes import lgr
@@ -93,11 +94,17 @@ def _head(problem: Problem, switches: int, points: int) -> str:
         )
     )  # fmt: skip
     return (
-        f'"""{problem.name}: at most {switches} switches, {switches + 1} arcs of {points} Legendre-Gauss-Radau points; '
-        f'a Pyomo.GDP model.\n\n{legend}; y the costate, where laws need it.\n"""\n\n'
+        f'"""{_inside(problem.name)}: at most {switches} switches, {switches + 1} arcs of {points} '
+        f"Legendre-Gauss-Radau points; a Pyomo.GDP model.\n\n"
+        f'{_inside(legend)}; y the costate, where laws need it.\n"""\n\n'
         f"import pyomo.environ as pyo\nfrom pyomo.environ import {', '.join(_FUNCTIONS)}\n"
         "from pyomo.gdp import Disjunct, Disjunction\n"
     )
+
+
+def _inside(text: str) -> str:
+    """Return text as it may stand inside the script's docstring, which it can neither end nor break."""
+    return one_line(text).replace("\\", "\\\\").replace('"', "'")
 
 
 def _data(

@@ -41,7 +41,7 @@ def draw(
     check(panels)
     matplotlib = extras.load("matplotlib", "plot", "a figure")
     with matplotlib.rc_context(style.SETTINGS):
-        along, known = sampled(problem, solution, _POINTS), units(problem)
+        along, known = sampled(problem, solution, _POINTS), _units(problem)
         axis = TimeAxis.of(solution, known.get("time", ""), stretch=stretch)
         curves = {name: list(_curves(name, solution, problem, along, known)) for name in panels if name != "scene"}
         made = {
@@ -110,6 +110,10 @@ def _rows(name: str, solution: "Solution", along: Traces) -> dict[tuple[str, str
     return {(each, pattern.format(style.symbol(each))): row for each, row in zip(names, values, strict=True)}
 
 
+def _units(problem: "Problem | None") -> dict[str, str]:
+    return {name: style.plain(unit) for name, unit in units(problem).items()}
+
+
 def _bounds(name: str, problem: "Problem | None") -> dict[str, tuple[float, float]]:
     """Return the bounds of controls or states by name."""
     if problem is None or name not in {"controls", "states"}:
@@ -125,7 +129,7 @@ def _heights(curve: Curve) -> tuple[float, float]:
 
 def _scene(solution: "Solution", problem: "Problem", along: Traces, width: float) -> tuple[Panel, bool]:
     """Return the panel of the scene, and whether it goes across the page."""
-    known, picture = units(problem), scene.picture(problem, solution, along.t)
+    known, picture = _units(problem), scene.picture(problem, solution, along.t)
     plane = [str(each) for each in scene.own(problem).plane]
     pairs = zip(plane, picture.labels, strict=True)
     labels = [

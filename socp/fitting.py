@@ -10,6 +10,7 @@ from scipy.optimize import linprog
 from socp import margins
 from socp.adjoint import POINTS
 from socp.along import Along
+from socp.aside import aside
 from socp.conditions import SCALE, Rows
 from socp.verdict import EXTREMAL, Finding
 
@@ -109,7 +110,8 @@ def _programme(case: Case, size: float, start: np.ndarray, *, worst: bool) -> tu
     weight = np.concatenate([_weight(rows, keep.size, offset.size) for rows, keep in kept])
     programme = cvxpy.Problem(cvxpy.Minimize(excess if worst else weight @ excess), constraints)
     try:
-        programme.solve(solver=cvxpy.HIGHS)
+        with aside():
+            programme.solve(solver=cvxpy.HIGHS)
     except cvxpy.error.SolverError:
         return start, None
     if z.value is None:

@@ -5,6 +5,8 @@ from html import escape
 from itertools import groupby
 from typing import TYPE_CHECKING
 
+from socp.printable import printable
+
 if TYPE_CHECKING:
     from socp.problem import Problem
     from socp.solution import Solution
@@ -107,4 +109,4 @@ def _lines(rows: Iterable[Row]) -> Iterator[str]:
 
 
 def _text(text: str) -> str:
-    return escape(str(text))
+    return escape(printable(text))

@@ -2,7 +2,8 @@
 
 import json
 import os
-import tempfile
+import secrets
+import stat
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
@@ -67,9 +68,15 @@ def _fields(document: Mapping[str, Any], stops: Any) -> dict[str, Any]:
 
 
 def write_atomic(path: Path, content: str | bytes) -> None:
-    """Write text or bytes to a file beside `path`, then rename it; SolveError names the path where that fails."""
+    """Write text or bytes to a file beside `path`, then rename it; SolveError names the path where that fails.
+
+    A new file has the permissions that the umask leaves; one that is replaced keeps its own.
+    """
+    temporary = path.parent / f".socp-{secrets.token_hex(8)}.part"
     try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise SolveError(f"{path}: is no regular file, which alone can be replaced")
+        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
     except OSError as error:
         raise SolveError(f"{path}: cannot be written: {error.strerror or error}") from error
     try:
@@ -77,12 +84,13 @@ def write_atomic(path: Path, content: str | bytes) -> None:
             file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
             os.fsync(file.fileno())  # a rename may reach the disk before the content does
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
+        if path.exists():
+            temporary.chmod(stat.S_IMODE(path.stat().st_mode))
+        temporary.replace(path)
     except OSError as error:
         raise SolveError(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
 
 
 def _plain(value: Any) -> Any:

@@ -12,6 +12,7 @@ from typing import Any, final
 
 import numpy as np
 
+from socp.aside import aside
 from socp.errors import SolveError
 from socp.mending import Candidate, merged
 from socp.misses import parameters_of
@@ -92,7 +93,7 @@ def rounding(given: Cells, switches: int, dwell: float = 0.0, price: float = _PR
     objective = worst + _POINTWISE * cvxpy.sum(cvxpy.multiply(cost, w)) + price * cvxpy.sum(changes)
     programme = cvxpy.Problem(cvxpy.Minimize(objective), constraints)
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), aside():
             warnings.simplefilter("ignore")  # a tree that ended early is a seed all the same
             programme.solve(solver=cvxpy.HIGHS, mip_abs_gap=_GAP, mip_max_nodes=_NODES)
     except cvxpy.error.SolverError as error:

@@ -3,6 +3,8 @@
 import re
 from collections.abc import Mapping
 
+from socp.printable import one_line
+
 FONT, SMALL = 8.0, 7.0  # points, as in the captions and notes of a two-column paper
 THIN, LINE = 0.6, 1.1  # points
 _TINT = 0.25  # share of its colour in the shade of an arc
@@ -54,6 +56,11 @@ def symbol(name: str) -> str:
 def label(text: str, unit: str = "") -> str:
     """Return the label of an axis from a text in mathtext and a unit."""
     return f"${text}$" + (f" ({unit})" if unit else "")
+
+
+def plain(text: str) -> str:
+    """Return foreign text as it may stand beside mathtext: on one line, its dollars no signs of mathematics."""
+    return one_line(text).replace("$", r"\$")
 
 
 def _word(word: str) -> str:

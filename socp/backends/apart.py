@@ -16,7 +16,7 @@ from typing import Any, final
 import casadi
 import numpy as np
 
-from socp.backends.child import TOLD
+from socp.backends.child import TOLD, environment
 from socp.nlp import NLP, NLPPoint, Progress, Watch
 from socp.solution import Stop
 
@@ -161,7 +161,7 @@ def _attended(job: Job, told: _Told, watch: Watch, deadline: float) -> str:
     """Listen to a solver until it ends or has to be ended; returns how it ended."""
     command = [sys.executable, "-m", "socp.backends.child", job.module, str(job.folder)]
     count = 0
-    with (job.folder / "log.txt").open("wb") as log, _process(command, log) as process:
+    with (job.folder / "log.txt").open("wb") as log, _process(command, log, job.folder) as process:
         lines = _lines(job.folder / TOLD)
         while True:
             code = process.poll()  # before reading: what it said at its end is then read too
@@ -184,10 +184,14 @@ def _progress(told: _Told, count: int) -> Progress:
 
 
 @contextlib.contextmanager
-def _process(command: list[str], log: Any) -> Iterator["subprocess.Popen[bytes]"]:
-    """Start a process in a group of its own; the group is ended with the body."""
+def _process(command: list[str], log: Any, folder: Path) -> Iterator["subprocess.Popen[bytes]"]:
+    """Start a process in a group of its own, which is ended with the body.
+
+    It runs in the folder of its job: solvers read files such as `bonmin.opt` where they run, unasked.
+    """
     process = subprocess.Popen(  # noqa: S603 - this Python with a module of this package
-        command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+        command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True, cwd=folder,
+        env=environment(),
     )  # fmt: skip
     try:
         yield process

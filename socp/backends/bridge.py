@@ -9,8 +9,8 @@ import casadi
 import numpy as np
 
 _OPTIONS: dict[str, Any] = {
-    "ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "show_eval_warnings": False,
-    "ipopt.tol": 1e-7, "ipopt.max_iter": 300, "ipopt.bound_relax_factor": 1e-6,
+    "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.option_file_name": "", "print_time": False,
+    "show_eval_warnings": False, "ipopt.tol": 1e-7, "ipopt.max_iter": 300, "ipopt.bound_relax_factor": 1e-6,
 }  # fmt: skip
 NAME = "ipopt"  # MindtPy takes no other; it is known by this name in the process that registers it alone
 

@@ -38,6 +38,13 @@ def main(module: str, folder: str) -> None:
             tell({"error": f"{type(error).__name__}: {error}".strip().splitlines()[-1][:300]})
 
 
+def environment() -> dict[str, str]:
+    """Return the environment for such a process in any folder: with Python's search path as it is from here."""
+    places = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
+    absolute = os.pathsep.join(str(Path(place).absolute()) for place in places)
+    return {**os.environ, **({"PYTHONPATH": absolute} if absolute else {})}
+
+
 def _end_with(parent: int) -> None:
     """Have this process ended with its parent, however that ends; elsewhere than on Linux the limit has to do."""
     if sys.platform == "linux":

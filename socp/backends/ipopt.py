@@ -27,10 +27,9 @@ _DEFAULTS: dict[str, Any] = {
     "bound_relax_factor": 0.0,  # Ipopt's 1e-8 moves every bound, and with it the ninth digit of the objective
     "first_hessian_perturbation": 1e-8,  # singular arcs make the Hessian flat, not indefinite: little is enough
     "acceptable_iter": 100,  # the flatness slows the last digits; its 15 would give up some of them
-    "max_iter": 3000,
-    "print_level": 0,
-    "sb": "yes",
-}
+    "max_iter": 3000, "print_level": 0, "sb": "yes",
+    "option_file_name": "",  # otherwise it reads ipopt.opt where the user is, without a word
+}  # fmt: skip
 _STOPS = {
     "Solve_Succeeded": Stop.SOLVED,
     "Solved_To_Acceptable_Level": Stop.ACCEPTABLE,
@@ -215,7 +214,7 @@ def _documented() -> Mapping[str, str]:
 
 def _probe(options: Mapping[str, Any]) -> casadi.Function:
     v = casadi.SX.sym("v")
-    settings = {f"ipopt.{name}": value for name, value in {"sb": "yes", **options}.items()}
+    settings = {f"ipopt.{name}": value for name, value in {"sb": "yes", "option_file_name": "", **options}.items()}
     return casadi.nlpsol("probe", "ipopt", {"x": v, "f": v**2}, {"print_time": False, **settings})
 
 

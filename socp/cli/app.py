@@ -1,6 +1,5 @@
 """The command `socp`: its options, its commands, and what becomes of errors."""
 
-import os
 import shlex
 import signal
 import sys
@@ -19,11 +18,12 @@ from socp.cli.checking import check
 from socp.cli.comparing import compare
 from socp.cli.describing import describe
 from socp.cli.exporting import export
-from socp.cli.listing import list_, methods, plugins
+from socp.cli.listing import list_, methods, plugins, plugins_list
 from socp.cli.plotting import plot
 from socp.cli.recording import record, view
 from socp.cli.session import Exit, Session, messages
 from socp.cli.solving import solve
+from socp.cli.streams import Streams, kept_apart, parsing, parted
 from socp.cli.surveying import census, frontier
 from socp.errors import MethodError, ProblemError, SocpError
 from socp.registry import PluginError
@@ -35,6 +35,7 @@ Exit codes:
   2    usage: an unknown command, method or option, or a value not allowed
   3    the problem, or the plugin of the method, could not be loaded
   4    internal error
+  5    the report could not be written to standard output
   130  interrupted; a solve that had begun writes its last iterate
 
 \b
@@ -67,22 +68,29 @@ for _command in (
     solve, check, compare, census, frontier, export, plot, record,
     view, describe, list_, methods, plugins,
 ):
-    socp.add_command(_command)
+    socp.add_command(kept_apart(_command))
+kept_apart(plugins_list)
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code; every error becomes a message."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    session, pressed = Session(debug="--debug" in given), list[int]()
+    session = Session(debug="--debug" in given)
+    with parted() as streams:
+        return _delivered(streams, session, _ran(session, given))
+
+
+def _ran(session: Session, given: Sequence[str]) -> int:
+    pressed = list[int]()
     try:
-        with _one_line_warnings(session.warn), _noted(pressed):
-            code = socp.main(args=given, prog_name="socp", obj=session, standalone_mode=False)
-        sys.stdout.flush()
+        with _one_line_warnings(session.warn), _noted(pressed), parsing():
+            code = socp.main(args=list(given), prog_name="socp", obj=session, standalone_mode=False)
     except (KeyboardInterrupt, click.exceptions.Abort):
         _say("interrupted; nothing was written", session)
         return Exit.INTERRUPTED
-    except SystemExit:  # click's answer to a reader that has gone
-        return Exit.CLOSED
+    except SystemExit as error:
+        _say(f"internal error: a plugin, or a package that it uses, called exit({error})", session, error)
+        return Exit.INTERNAL
     except (click.ClickException, SocpError) as error:
         return _expected(error, session)
     except Exception as error:  # noqa: BLE001 - a bug is one line and a hint, not a traceback
@@ -91,6 +99,20 @@ def run(arguments: Sequence[str] | None = None) -> int:
             return Exit.INTERRUPTED
         return _internal(error, session, given)
     return code if isinstance(code, int) else Exit.SOLVED
+
+
+def _delivered(streams: Streams, session: Session, code: int) -> int:
+    """Write the report and return the exit code; what was written to files is named where the report is lost."""
+    try:
+        streams.deliver()
+    except BrokenPipeError:
+        return Exit.CLOSED
+    except OSError as error:
+        _say(f"the report cannot be written to standard output: {error.strerror or error}", session, error)
+        for path in session.written:
+            messages().print(Text(f"written: {path}"), soft_wrap=True)
+        return Exit.UNWRITTEN if code in {Exit.SOLVED, Exit.UNSOLVED} else code
+    return code
 
 
 def _expected(error: click.ClickException | SocpError, session: Session) -> int:
@@ -104,9 +126,6 @@ def _expected(error: click.ClickException | SocpError, session: Session) -> int:
 
 
 def _internal(error: Exception, session: Session, given: Sequence[str]) -> int:
-    if isinstance(error, BrokenPipeError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has gone: let Python close in peace
-        return Exit.CLOSED
     _say(f"internal error: {type(error).__name__}: {' '.join(str(error).split())}", session, error)
     if not session.debug:
         hint = f"this is a bug; see where with: socp --debug {shlex.join(given)}"
@@ -116,7 +135,7 @@ def _internal(error: Exception, session: Session, given: Sequence[str]) -> int:
 
 def _say(text: str, session: Session, error: BaseException | None = None) -> None:
     if session.debug and error is not None:
-        traceback.print_exception(error)
+        messages().print(Text("".join(traceback.format_exception(error))), soft_wrap=True)
     messages().print(Text.assemble(("error: " if error else "", "bold red"), text), soft_wrap=True)
 
 

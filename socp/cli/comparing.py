@@ -18,6 +18,7 @@ from socp.cli.recording import record_option, recording, told
 from socp.cli.session import Exit, Session, messages, results, show, write_json
 from socp.cli.show import facts, signed, small, switching, times, variations, worst
 from socp.errors import SocpError
+from socp.printable import one_line
 
 if TYPE_CHECKING:
     from socp.method import Method
@@ -122,7 +123,7 @@ def _fitting(console: Console, problem: "Problem", rows: list[Row], best: float)
 
 
 def _table(problem: "Problem", corner: str, heads: list[str], body: dict[str, list[str]]) -> Table:
-    title = f"{problem.name}: {problem.title}" if problem.title else problem.name
+    title = one_line(f"{problem.name}: {problem.title}" if problem.title else problem.name)
     table = Table(title=Text(title), title_justify="left", header_style="bold", box=box.SIMPLE_HEAD)
     table.add_column(corner, style="bold", no_wrap=True)
     for head in heads:

@@ -91,7 +91,7 @@ def export(session: Session, /, **given: str | None) -> int:
     path = Path(asked.out) if asked.out else Path(stem(asked.source) + chosen.ending)
     _check_source(asked, chosen)
     chosen.write(session, asked, path)
-    click.echo(path)
+    session.tell(path)
     return Exit.SOLVED
 
 

@@ -55,5 +55,5 @@ def plot(session: Session, /, **given: Any) -> int:
         session.note(f"problem '{solution.problem}' is not registered: no bounds and no scene; give --problem FILE")
     figure = figures.draw(solution, problem, panels, width=asked.width, stretch=asked.stretch)
     write_atomic(path, figures.to_bytes(figure, ending))
-    click.echo(path)
+    session.tell(path)
     return Exit.SOLVED

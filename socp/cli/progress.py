@@ -12,6 +12,9 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from socp.cli.consoles import Escaped
+from socp.printable import one_line
+
 if TYPE_CHECKING:
     from socp.nlp import Progress, Watch
 
@@ -25,13 +28,14 @@ def progress(console: Console, label: str, *, quiet: bool) -> "Iterator[Watch]":
     """Yield a watch that shows the progress of a solve or a search; a quiet one shows nothing."""
     from socp.nlp import silent
 
+    label = one_line(label)
     if quiet:
         yield silent
     elif console.is_terminal:
-        first = Text(f"{label}: building")
-        with Live(first, console=console, transient=True, auto_refresh=False, redirect_stdout=False) as live:
+        first = Escaped(Text(f"{label}: building"))  # what is live comes after a console's own hooks
+        with Live(first, console=console, transient=True, auto_refresh=False) as live:
             live.refresh()
-            yield Display(label, lambda view: live.update(view.table(), refresh=True), _LIVE)
+            yield Display(label, lambda view: live.update(Escaped(view.table()), refresh=True), _LIVE)
     else:
         display = Display(label, lambda view: console.print(view.line(), soft_wrap=True), _OCCASIONAL)
         display.due += _OCCASIONAL  # what is over soon needs no line

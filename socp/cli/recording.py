@@ -84,7 +84,7 @@ def record(session: Session, /, result: str, out: str | None, problem: str | Non
     name = Path(result).name.removesuffix(".json").removesuffix(".socp")
     path = _place(Path(out or f"{name}{ENDING}"), "--out")
     _record(session.registry(), result, problem, path)
-    click.echo(path)
+    session.tell(path)
     return Exit.SOLVED
 
 
@@ -127,7 +127,7 @@ def _place(path: Path, option: str) -> Path:
     """Return a path for a recording; MethodError where none can be, or where a result or the like may stand."""
     if path.suffix not in {"", ENDING}:
         raise MethodError(f"{option} {path}: it ends with '{path.suffix}'; recordings end with {ENDING}")
-    return writable(path, option)
+    return writable(path, option, replaced=False)
 
 
 def _is_recording(path: Path) -> bool:

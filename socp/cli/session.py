@@ -3,17 +3,20 @@
 import json
 import math
 import os
+import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from pathlib import Path
 from typing import Any, final
 
-import click
 from rich.console import Console, RenderableType
 from rich.text import Text
 
+from socp.cli.consoles import Shadow, console
+from socp.cli.streams import current, say
 from socp.errors import MethodError
+from socp.printable import file_stem, one_line, printable
 from socp.registry import Registry
 
 _PIPED = 200  # columns of what is not read on a terminal
@@ -27,6 +30,7 @@ class Exit(IntEnum):
     USAGE = 2
     LOADING = 3
     INTERNAL = 4
+    UNWRITTEN = 5
     INTERRUPTED = 130
     CLOSED = 141
 
@@ -39,6 +43,7 @@ class Session:
     debug: bool = False
     without: tuple[str, ...] = ()
     quiet: bool = False
+    written: list[Path] = field(default_factory=list)
 
     def registry(self, *, plugins: bool = True) -> Registry:
         """Load the registry, with or without its plugins, and say on stderr what is wrong with it."""
@@ -62,12 +67,26 @@ class Session:
         if not self.quiet:
             messages().print(Text(text), soft_wrap=True)
 
+    def tell(self, path: Path) -> None:
+        """Write the path of a file that was written, as it is; on a terminal with its control characters escaped."""
+        self.written.append(path)
+        say(printable(path) if results().is_terminal else str(path))
 
-def writable(path: Path, option: str = "--out") -> Path:
-    """Return a path that can be written; MethodError says before the solve, not after it, why one cannot."""
+
+def writable(path: Path, option: str = "--out", *, replaced: bool = True) -> Path:
+    """Return a path that can be written; MethodError says before the solve, not after it, why one cannot.
+
+    `replaced`: the file is put in the place of one that is there, which must not happen to a device or a pipe.
+    """
     folder = path.parent
-    if path.is_dir():
+    try:
+        there, regular, directory = path.exists(), path.is_file(), path.is_dir()
+    except OSError as error:
+        raise MethodError(f"{option} {path}: {error.strerror or error}; name another file") from error
+    if directory:
         raise MethodError(f"{option} {path}: is a directory; name a file in it")
+    if replaced and there and not regular:
+        raise MethodError(f"{option} {path}: is no regular file, which alone can be replaced; name another")
     if not folder.is_dir():
         raise MethodError(f"{option} {path}: there is no directory {folder}")
     if not os.access(folder, os.W_OK):
@@ -75,33 +94,39 @@ def writable(path: Path, option: str = "--out") -> Path:
     return path
 
 
+def named_after(problem: str, ending: str) -> Path:
+    """Return the path of a file in the current folder that is named after a problem."""
+    return Path(f"{file_stem(problem)}{ending}")
+
+
 def results() -> Console:
-    """Return the console of results: standard output."""
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=_PIPED)
+    """Return a console that renders as standard output would, without writing there."""
+    streams = current()
+    return console(Shadow(sys.stdout if streams is None else streams.report), piped=_PIPED)
 
 
 def messages() -> Console:
     """Return the console of progress and messages: standard error."""
-    return Console(stderr=True, highlight=False)
+    streams = current()
+    return console(sys.stderr if streams is None else streams.messages)
 
 
 def heading(name: str, title: str) -> Text:
     """Return the first line of what is said about something."""
-    return Text.assemble((name, "bold cyan"), f"  {title}" if title else "")
+    return Text.assemble((one_line(name), "bold cyan"), f"  {one_line(title)}" if title else "")
 
 
 def show(*parts: RenderableType) -> None:
     """Write results on standard output, without the blanks that fill their lines."""
-    console = results()
-    with console.capture() as captured:
-        console.print(*parts, sep="\n")
-    click.echo("\n".join(line.rstrip() for line in captured.get().splitlines()), color=console.is_terminal)
+    shown = results()
+    with shown.capture() as captured:
+        shown.print(*parts, sep="\n", crop=False)
+    say("\n".join(line.rstrip() for line in captured.get().split("\n")).rstrip("\n"))
 
 
 def write_json(value: Any) -> None:
     """Write a value as strict JSON on standard output; what is not finite becomes null."""
-    click.echo(json.dumps(_plain(value), indent=1, allow_nan=False))
+    say(json.dumps(_plain(value), indent=1, allow_nan=False))
 
 
 def _plain(value: Any) -> Any:

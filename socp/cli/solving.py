@@ -10,7 +10,7 @@ from socp.cli.loading import load_guess, load_problem
 from socp.cli.options import DEFAULT_METHOD, build, pairs
 from socp.cli.progress import progress
 from socp.cli.recording import live_option, record_option, recording, told
-from socp.cli.session import Exit, Session, heading, messages, show, writable, write_json
+from socp.cli.session import Exit, Session, heading, messages, named_after, show, writable, write_json
 from socp.cli.show import facts, report
 from socp.errors import MethodError, SolveError
 
@@ -70,11 +70,12 @@ def solve(session: Session, /, **given: Any) -> int:
     method = build(registry.method(asked.method), [*asked.shortened(), *pairs(asked.options)])
     problem = load_problem(asked.problem, registry)
     guess = _guess(asked.guess, problem) if asked.guess else default_guess(problem)
-    path = writable(Path(asked.out or f"{problem.name}.socp.json"))
+    path = writable(Path(asked.out) if asked.out else named_after(problem.name, ".socp.json"))
     with recording(session, registry, problem, asked.record, live=asked.live) as recorder:
         with progress(messages(), f"{problem.name}, {method.name}", quiet=asked.quiet) as watch:
             solution = run(method, problem, guess, told(watch, recorder))
         solution.save(path)
+        session.written.append(path)
         recorder.finish(problem, solution)
     for line in registry.solved(problem, solution):
         session.warn(line)

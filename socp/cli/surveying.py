@@ -12,7 +12,7 @@ from rich.text import Text
 
 from socp.cli.loading import load_problem
 from socp.cli.progress import progress
-from socp.cli.session import Exit, Session, heading, messages, show, writable, write_json
+from socp.cli.session import Exit, Session, heading, messages, named_after, show, writable, write_json
 from socp.cli.show import small, switching, times
 from socp.errors import SolveError
 from socp.registry import Registry
@@ -56,12 +56,13 @@ def census(session: Session, /, **given: Any) -> int:
 
     session.quiet, starts = given["quiet"], given["starts"]
     posed = load_problem(given["problem"], session.registry(plugins=False))
-    path = writable(Path(given["out"] or f"{posed.name}.socp.json"))
-    kept = Kept(path.parent / f"{posed.name}.census", fingerprint(posed, recipe()))
+    path = writable(Path(given["out"]) if given["out"] else named_after(posed.name, ".socp.json"))
+    kept = Kept(path.parent / named_after(posed.name, ".census"), fingerprint(posed, recipe()))
     with progress(messages(), f"{posed.name}, census", quiet=session.quiet) as watch:
         found = survey(posed, starts, kept, watch, (given["jobs"], Named(given["problem"])))
     if found.best is not None:
         replace(found.best, options={"starts": starts}, versions=versions()).save(path)
+        session.written.append(path)
     if given["as_json"]:
         write_json({**_facts(posed, found), "result": str(path) if found.best else None})
     else:
@@ -161,7 +162,7 @@ def frontier(session: Session, /, **given: Any) -> int:
 
     session.quiet = given["quiet"]
     posed = load_problem(given["problem"], session.registry(plugins=False))
-    path = writable(Path(given["out"] or f"{posed.name}.socp.json"))
+    path = writable(Path(given["out"]) if given["out"] else named_after(posed.name, ".socp.json"))
     most, dwell = given["most"], given["dwell"]
     with progress(messages(), f"{posed.name}, frontier", quiet=session.quiet) as watch:
         first = explore(posed, 0, watch)
@@ -172,6 +173,7 @@ def frontier(session: Session, /, **given: Any) -> int:
     if best is not None:
         options = {"max_switches": most, "dwell": dwell}
         replace(best, method="frontier", options=options, versions=versions()).save(path)
+        session.written.append(path)
     if given["as_json"]:
         write_json({**_ladder(posed, found), "dwell": dwell, "result": str(path) if best else None})
     else:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
+from socp.printable import markdown, markdown_code
 from socp.problem import Problem
 from socp.solution import Solution
 from socp.verdict import EXTREMAL, Verdict
@@ -11,32 +12,38 @@ _MANY = 12  # more switching times or arcs than this are counted, not listed
 
 def summary(problem: Problem, solution: Solution) -> str:
     """Return what a solution says of itself and what the judge says of it."""
+    arcs = [(markdown(name), row) for name, row in solution.structure.items()]
     rows = [
         ("objective", f"{solution.objective:.12g}"),
         *([("initial time", f"{solution.initial_time:.12g}")] if solution.initial_time else []),
         ("final time", f"{solution.final_time:.12g}"),
-        *((f"parameter {name}", f"{value:.12g}") for name, value in solution.parameters.items()),
-        *((f"word of {name}", _word([mode for mode, _, _ in row])) for name, row in solution.structure.items()),
-        *((f"switches of {name}", _times([end for *_, end in row[:-1]])) for name, row in solution.structure.items()),
-        ("stop", solution.stop.value), ("message", solution.message or "-"),
+        *((f"parameter {markdown(name)}", f"{value:.12g}") for name, value in solution.parameters.items()),
+        *((f"word of {name}", _word([mode for mode, _, _ in row])) for name, row in arcs),
+        *((f"switches of {name}", _times([end for *_, end in row[:-1]])) for name, row in arcs),
+        ("stop", solution.stop.value), ("message", markdown(solution.message) or "-"),
         ("nodes", str(solution.t.size)), ("iterations", str(solution.iterations)),
         ("seconds", f"{sum(solution.seconds.values()):.2f}"),
     ]  # fmt: skip
-    parts = [f"# {problem.title or problem.name}", table(("method", solution.method), rows), _verdict(solution.verdict)]
+    parts = [
+        f"# {markdown(problem.title or problem.name)}",
+        table(("method", markdown(solution.method)), rows),
+        _verdict(solution.verdict),
+    ]
     if problem.reference is not None:
         error = solution.objective - problem.reference.objective
         known = f"{problem.reference.objective:.12g}, error {error:+.1e}"
-        parts.append(f"## Reference\n\n{known}\n\n{escaped(problem.reference.source)}")
+        parts.append(f"## Reference\n\n{known}\n\n{markdown(problem.reference.source)}")
     if solution.versions:
-        parts.append("## Versions\n\n" + ", ".join(f"{name} {version}" for name, version in solution.versions.items()))
+        known = ", ".join(markdown(f"{name} {version}") for name, version in solution.versions.items())
+        parts.append(f"## Versions\n\n{known}")
     return "\n\n".join(parts)
 
 
 def search(solution: Solution) -> str:
     """Return the nodes of a search, one a row."""
     rows = [
-        (str(k), f"`{escaped(node.word)}`", node.stop, f"{node.objective:.9g}", *map(_small, (node.bound, node.miss)),
-         _small(node.residual))
+        (str(k), markdown_code(node.word), markdown(node.stop), f"{node.objective:.9g}",
+         *map(_small, (node.bound, node.miss, node.residual)))
         for k, node in enumerate(solution.nodes)
     ]  # fmt: skip
     return "# Words tried\n\n" + table(("", "word", "stop", "objective", "bound", "miss", "residual"), rows)
@@ -45,12 +52,12 @@ def search(solution: Solution) -> str:
 def comparison(problem: Problem, solutions: Sequence[Solution]) -> str:
     """Return several solutions of a problem, one a row."""
     rows = [
-        (each.method, f"{each.objective:.10g}", str(each.t.size), f"`{escaped(each.word)}`", _judgement(each.verdict),
-         f"{sum(each.seconds.values()):.2f}")
+        (markdown(each.method), f"{each.objective:.10g}", str(each.t.size), markdown_code(each.word),
+         _judgement(each.verdict), f"{sum(each.seconds.values()):.2f}")
         for each in solutions
     ]  # fmt: skip
     heads = ("method", "objective", "nodes", "word", "verdict", "seconds")
-    return f"# {problem.title or problem.name}\n\n" + table(heads, rows)
+    return f"# {markdown(problem.title or problem.name)}\n\n" + table(heads, rows)
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -59,24 +66,20 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def escaped(text: str) -> str:
-    """Return text in which no bar ends the cell of a table."""
-    return text.replace("|", "\\|")
-
-
 def _verdict(verdict: Verdict | None) -> str:
     if verdict is None:
         return "## Verdict\n\nnot judged"
     parts = [f"## Verdict: {_judgement(verdict)}", f"conditions missed by {_small(verdict.miss)}"]
-    parts += [f"- {reason}" for reason in verdict.reasons]
+    parts += [f"- {markdown(reason)}" for reason in verdict.reasons]
     findings = [
-        (f"{each.residual:.1e}", each.condition, each.where, "" if each.t is None else f"{each.t:.4g}")
+        (f"{each.residual:.1e}", markdown(each.condition), markdown(each.where),
+         "" if each.t is None else f"{each.t:.4g}")
         for each in verdict.findings
     ]
     if findings:
         parts.append(f"Residuals of Pontryagin's principle, allowed {EXTREMAL:.0e}:")
         parts.append(table(("residual", "condition", "where", "t"), findings))
-    parts += [f"- {note}" for note in verdict.notes]
+    parts += [f"- {markdown(note)}" for note in verdict.notes]
     return "\n\n".join(parts)
 
 
@@ -87,7 +90,7 @@ def _judgement(verdict: Verdict | None) -> str:
 
 
 def _word(modes: Sequence[str]) -> str:
-    return f"`{' '.join(modes)}`" if len(modes) <= _MANY else f"{len(modes)} arcs"
+    return markdown_code(" ".join(modes)) if len(modes) <= _MANY else f"{len(modes)} arcs"
 
 
 def _times(values: Sequence[float]) -> str:

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from socp.printable import one_line
 from socp.recording.items import Bars, Drawing, Group, Item, Lane, Note, Panel, Plane, Series
 
 
@@ -13,10 +14,11 @@ def send(stream: Any, item: Item) -> None:
         _series(stream, item)
     elif isinstance(item, Lane):
         known = item.colours
-        config = rr.StateConfiguration(values=[*known], labels=[*known], colors=[*known.values()])
+        names = [one_line(each) for each in known]
+        config = rr.StateConfiguration(values=names, labels=names, colors=[*known.values()])
         stream.log(item.path, config, static=True)
         at = rr.TimeColumn("t", duration=item.at)
-        stream.send_columns(item.path, [at], rr.StateChange.columns(state=[*item.states]))
+        stream.send_columns(item.path, [at], rr.StateChange.columns(state=[one_line(each) for each in item.states]))
     elif isinstance(item, Note):
         stream.log(item.path, rr.TextDocument(item.text, media_type=rr.MediaType.MARKDOWN), static=True)
     elif isinstance(item, Plane):
@@ -33,12 +35,12 @@ def _series(stream: Any, item: Series) -> None:
 
     if item.points:
         style: Any = rr.SeriesPoints(
-            names=[item.name], colors=[item.colour], markers="diamond", marker_sizes=[item.width]
+            names=[one_line(item.name)], colors=[item.colour], markers="diamond", marker_sizes=[item.width]
         )
     else:
         policy = "Off" if item.exact else None
         style = rr.SeriesLines(
-            names=[item.name], colors=[item.colour], widths=[item.width], aggregation_policy=policy
+            names=[one_line(item.name)], colors=[item.colour], widths=[item.width], aggregation_policy=policy
         )  # fmt: skip
     stream.log(item.path, style, static=True)
     kind = {"duration": item.at} if item.timeline == "t" else {"sequence": item.at.astype(int)}
@@ -50,7 +52,7 @@ def _drawing(stream: Any, item: Drawing) -> None:
 
     style: dict[str, Any] = {"colors": [item.colour], "radii": rr.Radius.ui_points(item.size)}
     if item.labels:
-        style |= {"labels": [*item.labels], "show_labels": True}
+        style |= {"labels": [one_line(each) for each in item.labels], "show_labels": True}
     if item.at is not None:
         columns = (
             {"origins": item.points, "vectors": item.vectors} if item.kind == "arrows" else {"positions": item.points}
@@ -81,7 +83,7 @@ def _arranged(part: Group | Panel, tab: int = 0) -> Any:
     if isinstance(part, Panel):
         return _view(part)
     parts = [_arranged(each) for each in part.parts]
-    name = {"name": part.name} if part.name else {}
+    name = {"name": one_line(part.name)} if part.name else {}
     if part.kind == "tabs":
         return rrb.Tabs(*parts, active_tab=tab, **name)
     if part.kind == "grid":
@@ -95,7 +97,7 @@ def _view(panel: Panel) -> Any:
     import rerun as rr
     import rerun.blueprint as rrb
 
-    given: dict[str, Any] = {"name": panel.name, "contents": [*panel.contents]}
+    given: dict[str, Any] = {"name": one_line(panel.name), "contents": [*panel.contents]}
     if panel.kind == "curves":
         legend = rrb.PlotLegend(corner=panel.legend or "LeftBottom", visible=bool(panel.legend))
         if panel.times is not None:
