@@ -53,19 +53,25 @@ def _method(method: "type[Method]", registry: "Registry") -> None:
 
 def option_rows(method: "type[Method]") -> Iterator[tuple[str, str, str, str]]:
     """Yield (name, type, default, one line) of every option of a method."""
-    from socp.method import options
+    from socp.method import allowed, options
 
     hints = get_type_hints(method)
     for each in options(method):
-        about, least = each.metadata.get("doc", ""), each.metadata.get("least")
-        hint = hints[each.name]
+        about, hint = each.metadata.get("doc", ""), hints[each.name]
+        least, most = allowed(each, whole=False)
         kind = getattr(hint, "__name__", str(hint)).lower()
         if has_options(each):
             backend = backend_name(each)
             yield each.name, kind, backend, f"{about}; {backend}.NAME=VALUE sets any of its own options"
         else:
             default = "required" if each.default is MISSING else str(each.default) or "''"
-            yield each.name, kind, default, about + (f"; at least {least}" if least is not None else "")
+            yield each.name, kind, default, about + _range(least, most)
+
+
+def _range(least: float | None, most: float | None) -> str:
+    parts = [] if least is None else [f"at least {least}"]
+    parts += [] if most is None else [f"at most {most}"]
+    return f"; {', '.join(parts)}" if parts else ""
 
 
 def _problem(name: str, registry: "Registry") -> None:
