@@ -6,7 +6,7 @@ from typing import Any
 import casadi
 import numpy as np
 
-from socp.symbols import Expr, role
+from socp.symbols import Expr, is_number, role
 from socp.telling import a, close
 
 _KINKS = {casadi.OP_FABS: "fabs", casadi.OP_FMAX: "fmax", casadi.OP_FMIN: "fmin"}
@@ -93,19 +93,24 @@ def numbers(symbol: Expr, value: Any) -> str:
     """Return what to write for a bound, an end or a time that is no number."""
     parts = list(value) if isinstance(value, (tuple, list)) else [value]
     if any(isinstance(part, casadi.SX) and not part.is_constant() for part in parts):
-        if role(symbol) == "control":
-            return f"; for a bound c(x, t) scale the control: write c(x, t)*s for {symbol}, with bounds={{s: (0, 1)}}"
-        if role(symbol) == "state":
-            return f"; a bound that moves goes into path={{'name': {symbol} <= ...}}, an end that moves into target"
-        return "; conditions between times, states and parameters go into target={'name': left == right}"
-    if isinstance(value, np.ndarray) and value.size > 1:
+        return _moving(symbol)
+    made = next((part for part in parts if isinstance(part, (casadi.SX, casadi.DM, np.ndarray))), None)
+    if isinstance(made, np.ndarray) and made.size > 1:
         return "; an array is no interval: write (float(a), float(b))"
-    if any(isinstance(part, (casadi.SX, casadi.DM, np.ndarray)) for part in parts):
-        made = next(part for part in parts if isinstance(part, (casadi.SX, casadi.DM, np.ndarray)))
+    if made is not None:
         return f"; it holds {a(made)}: float(...) makes a number of it"
-    if any(isinstance(part, int) and not isinstance(part, bool) and abs(part) > 2**1023 for part in parts):
-        return "; it is too large for a float"
-    return ""
+    large = any(isinstance(part, int) and not isinstance(part, bool) and not is_number(part) for part in parts)
+    return "; it is too large for a float" if large else ""
+
+
+def _moving(symbol: Expr) -> str:
+    """Return what to write for a bound or an end that is an expression."""
+    kind = role(symbol)
+    if kind == "control":
+        return f"; for a bound c(x, t) scale the control: write c(x, t)*s for {symbol}, with bounds={{s: (0, 1)}}"
+    if kind == "state":
+        return f"; a bound that moves goes into path={{'name': {symbol} <= ...}}, an end that moves into target"
+    return "; conditions between times, states and parameters go into target={'name': left == right}"
 
 
 def not_finite(constant: float, *, ends: bool) -> str:
@@ -120,7 +125,7 @@ def not_finite(constant: float, *, ends: bool) -> str:
 
 def expression(value: Any) -> str:
     """Return what to write for a thing that is no expression."""
-    if isinstance(value, (casadi.DM, np.ndarray)) and np.size(value) == 1:
+    if (isinstance(value, casadi.DM) and value.is_scalar()) or (isinstance(value, np.ndarray) and value.size == 1):
         return "; float(...) makes a number of it"
     if isinstance(value, casadi.MX):
         return "; socp's symbols are casadi.SX, made by states, controls and parameters"

@@ -10,7 +10,7 @@ import numpy as np
 from socp import advice, keys, ranges, scene
 from socp.affinity import not_affine
 from socp.errors import ProblemError
-from socp.symbols import Expr, final_time, initial, initial_time, is_logical, relation, role, time
+from socp.symbols import Expr, final_time, initial, initial_time, is_logical, is_number, relation, role, time
 from socp.telling import a, plainly, shown
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def _expressions(problem: "Problem") -> None:
     if problem.minimise is None and problem.running is None:
         raise ProblemError("no objective: give minimise (a Mayer term) or running (an integrand), or both")
     for place, expression in placed(problem):
-        if not isinstance(expression, casadi.SX) and not ranges.is_number(expression):
+        if not isinstance(expression, casadi.SX) and not is_number(expression):
             what = f"is not an expression (it is {a(expression)})"
             raise ProblemError(f"{place}: {shown(expression)} {what}{advice.expression(expression)}")
         scalar = casadi.SX(expression)

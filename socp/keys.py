@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from socp.errors import ProblemError
 from socp.parts import Reference
-from socp.ranges import is_number
-from socp.symbols import final_time, initial_time, is_symbol, role, time
+from socp.symbols import final_time, initial_time, is_number, is_symbol, role, time
 from socp.telling import a, plainly, short, shown
 
 if TYPE_CHECKING:

@@ -15,6 +15,7 @@ from socp.nlp import NLP, Backend, NLPPoint, Progress, Reduced, Watch, silent
 from socp.phases import PhasedProblem
 from socp.problem import Problem
 from socp.solution import Solution, Stop
+from socp.symbols import is_number
 from socp.telling import shown
 
 LARGEST = 100_000  # steps, points or arcs: programmes of more do not fit into memory
@@ -62,7 +63,8 @@ def check_options(method: Method) -> None:
         if kind is None or (value is None and NoneType in kinds):
             continue
         if not _of(value, kind):
-            raise MethodError(f"{place}={shown(value)}, but it should be {WANTED[kind]}")
+            finite = ", finite" if kind is float else ""
+            raise MethodError(f"{place}={shown(value)}, but it should be {WANTED[kind]}{finite}")
         if kind in {int, float}:
             _in_range(place, value, each, whole=kind is int)
 
@@ -75,9 +77,11 @@ def allowed(each: Field[Any], *, whole: bool) -> tuple[float | None, float | Non
 
 def _of(value: Any, kind: type) -> bool:
     """Tell whether a value can stand for an option of a type; a flag is no number, and no number is infinite."""
+    if isinstance(value, bool) or kind is bool:
+        return isinstance(value, bool) and kind is bool
     if kind is float:
-        return isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
-    return isinstance(value, numbers.Integral if kind is int else kind) and (kind is bool) == isinstance(value, bool)
+        return is_number(value) and math.isfinite(value)
+    return isinstance(value, numbers.Integral if kind is int else kind)
 
 
 def _in_range(place: str, value: float, each: Field[Any], *, whole: bool) -> None:

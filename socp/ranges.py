@@ -1,7 +1,6 @@
 """Numbers in a problem: intervals for bounds, ends and times, values for guesses, and what is wrong with them."""
 
 import math
-import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from socp import advice
 from socp.errors import ProblemError
-from socp.symbols import Expr, final_time, free, initial_time, is_logical, role, time
+from socp.symbols import Expr, final_time, free, initial_time, is_logical, is_number, role, time
 from socp.telling import plainly, shown
 
 if TYPE_CHECKING:
@@ -21,16 +20,6 @@ Interval = tuple[float, float]
 _LARGEST = 1e100  # numbers beyond it overflow in products of three
 _RESOLVED = 1e-12  # share of the times below which a horizon drowns in their rounding
 _SMALLEST = 1e-80  # the same for a horizon from 0: its powers underflow
-
-
-def is_number(value: Any) -> bool:
-    """Tell whether something is a real number; True and False, which a relation may fold to, are none.
-
-    Nor is an integer that no float can hold.
-    """
-    if isinstance(value, int) and not isinstance(value, bool):
-        return abs(value) <= sys.float_info.max
-    return isinstance(value, (float, np.integer, np.floating))
 
 
 def interval(value: Any) -> Interval:

@@ -10,8 +10,7 @@ import casadi
 import numpy as np
 
 from socp.errors import ProblemError
-from socp.ranges import is_number
-from socp.symbols import Expr, column, is_symbol, role, time
+from socp.symbols import Expr, column, is_number, is_symbol, role, time
 from socp.telling import plainly, shown
 
 if TYPE_CHECKING:

@@ -1,6 +1,7 @@
 """The words of the problem language: states, controls, parameters, times, and relations between expressions."""
 
 import math
+import sys
 from functools import cache
 from typing import Any, Literal
 
@@ -70,6 +71,16 @@ def is_symbol(expression: Any) -> bool:
 def declared(kind: Role) -> list[Expr]:
     """Return all symbols of one role in the order of their declaration."""
     return [symbol for symbol, its in _ROLES.items() if its == kind]
+
+
+def is_number(value: Any) -> bool:
+    """Tell whether something is a real number; True and False, which a relation may fold to, are none.
+
+    Nor is an integer that no float can hold.
+    """
+    if isinstance(value, int) and not isinstance(value, bool):
+        return abs(value) <= sys.float_info.max
+    return isinstance(value, (float, np.integer, np.floating))
 
 
 def column(expressions: Any) -> Expr:
