@@ -13,7 +13,9 @@ def shown(value: Any) -> str:
     """Return how Python writes a value, on one line and shortened; a value that cannot be written is named by type."""
     try:
         text = repr(value)
-    except Exception:  # noqa: BLE001 - a value of a stranger's class may raise anything here
+    except KeyboardInterrupt:
+        raise
+    except BaseException:  # noqa: BLE001 - a value of a stranger's class may raise anything here
         return f"a {type(value).__name__} that cannot be printed"
     return short(text)
 
@@ -22,7 +24,9 @@ def plainly(value: Any) -> str:
     """Return a value as a reader knows it, `x` and not `SX(x)`, on one line, shortened and safe as `shown`."""
     try:
         text = str(value)
-    except Exception:  # noqa: BLE001 - as above
+    except KeyboardInterrupt:
+        raise
+    except BaseException:  # noqa: BLE001 - as above
         return shown(value)
     return short(text)
 
@@ -31,7 +35,9 @@ def said(error: BaseException) -> str:
     """Return the text of an error on one line, empty where it has none; one that cannot be printed says so."""
     try:
         text = str(error)
-    except Exception:  # noqa: BLE001 - as above
+    except KeyboardInterrupt:
+        raise
+    except BaseException:  # noqa: BLE001 - as above
         return "its text cannot be printed"
     return short(text, _TEXT)
 

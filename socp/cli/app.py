@@ -27,6 +27,7 @@ from socp.cli.solving import solve
 from socp.cli.surveying import census, frontier
 from socp.errors import MethodError, ProblemError, SocpError
 from socp.registry import PluginError
+from socp.telling import said
 
 EPILOG = """\b
 Exit codes:
@@ -85,7 +86,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return Exit.CLOSED
     except (click.ClickException, SocpError) as error:
         return _expected(error, session)
-    except Exception as error:  # noqa: BLE001 - a bug is one line and a hint, not a traceback
+    except BaseException as error:  # noqa: BLE001 - a bug is one line and a hint, not a traceback
         if pressed:  # what Ctrl-C breaks off while a package is imported fails in some other way later
             _say("interrupted; nothing was written", session)
             return Exit.INTERRUPTED
@@ -103,11 +104,11 @@ def _expected(error: click.ClickException | SocpError, session: Session) -> int:
     return Exit.USAGE if isinstance(error, (click.ClickException, MethodError)) else Exit.UNSOLVED
 
 
-def _internal(error: Exception, session: Session, given: Sequence[str]) -> int:
+def _internal(error: BaseException, session: Session, given: Sequence[str]) -> int:
     if isinstance(error, BrokenPipeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has gone: let Python close in peace
         return Exit.CLOSED
-    _say(f"internal error: {type(error).__name__}: {' '.join(str(error).split())}", session, error)
+    _say(f"internal error: {type(error).__name__}: {said(error)}", session, error)
     if not session.debug:
         hint = f"this is a bug; see where with: socp --debug {shlex.join(given)}"
         messages().print(hint, markup=False, soft_wrap=True)
