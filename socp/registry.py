@@ -104,7 +104,7 @@ class Registry:
     def problem(self, name: str) -> "Problem":
         """Import and return a registered problem; ProblemError says what is wrong with it, or which name is closest."""
         if name not in self.entries:
-            raise ProblemError(f"unknown problem '{short(name)}'{suggest(name, self.entries)}; a file is given as FILE.py")
+            raise ProblemError(f"unknown problem '{short(name)}'{suggest(name, self.entries)}")
         entry = self.entries[name]
         where = f"problem '{name}' of {entry.package}"
         try:

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from socp_problems.auv import problem as auv
 
-from socp.backends import Ipopt
-from socp.backends import documented
+from socp.backends import Ipopt, documented
 from socp.backends import ipopt as module
 from socp.collocate import collocate, uniform
 from socp.errors import MethodError, SolveError
@@ -143,7 +142,7 @@ def test_an_option_that_fails_only_at_the_solve_is_named() -> None:
 
 
 def test_a_linear_solver_that_does_not_work_here_is_refused_with_those_that_do() -> None:
-    with pytest.raises(MethodError, match="no-such-library.so: it cannot be loaded .*work here: .*mumps"):
+    with pytest.raises(MethodError, match=r"no-such-library\.so: it cannot be loaded .*work here: .*mumps"):
         Ipopt({"linear_solver": "ma57", "hsllib": "no-such-library.so"})
 
 

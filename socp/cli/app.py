@@ -31,8 +31,8 @@ from socp.telling import said
 
 EPILOG = """\b
 Exit codes:
-  0    solved: the solver met its tolerances; check: certified as an extremal
-  1    ran, but found no acceptable solution (the result is still written); check: not certified
+  0    an answer: certified, or a feasible point that meets the solver's tolerances; check: certified
+  1    ran, but no answer: infeasible, at a limit or failed (the result is written); check: not certified
   2    usage: an unknown command, method or option, or a value not allowed
   3    the problem, or the plugin of the method, could not be loaded
   4    internal error

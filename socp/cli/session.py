@@ -1,5 +1,6 @@
 """What the commands share: the two consoles, the options given before the command, and its exit codes."""
 
+import contextlib
 import json
 import math
 import os
@@ -15,7 +16,9 @@ from rich.text import Text
 
 from socp.errors import MethodError
 from socp.registry import Registry
+from socp.telling import short
 
+_TEMPORARY = ".12345678.part"  # what a file's name is followed by while it is written
 _PIPED = 200  # columns of what is not read on a terminal
 
 
@@ -66,13 +69,24 @@ class Session:
 def writable(path: Path, option: str = "--out") -> Path:
     """Return a path that can be written; MethodError says before the solve, not after it, why one cannot."""
     folder = path.parent
-    if path.is_dir():
+    if os.path.isdir(path):  # noqa: PTH112 - Path.is_dir raises for a name too long
         raise MethodError(f"{option} {path}: is a directory; name a file in it")
+    try:
+        _nameable(path)
+    except (OSError, ValueError) as error:
+        text = error.strerror if isinstance(error, OSError) else error
+        raise MethodError(f"{option} {short(str(path))}: {text}; give another name") from None
     if not folder.is_dir():
         raise MethodError(f"{option} {path}: there is no directory {folder}")
     if not os.access(folder, os.W_OK):
         raise MethodError(f"{option} {path}: directory {folder.resolve()} cannot be written; name a file elsewhere")
     return path
+
+
+def _nameable(path: Path) -> None:
+    """Raise what the system raises for a name that it does not take, such as one too long."""
+    with contextlib.suppress(FileNotFoundError, NotADirectoryError, PermissionError):
+        path.with_name(path.name + _TEMPORARY).lstat()
 
 
 def results() -> Console:

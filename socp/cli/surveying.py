@@ -38,8 +38,8 @@ class Named:
 
 @click.command(short_help="Find a problem's extremals from many starts, print a table.")
 @click.argument("problem", metavar="FILE_OR_NAME")
-@click.option("--starts", default=20, show_default=True, type=click.IntRange(min=1), help="Number of starts.")
-@click.option("-j", "--jobs", default=1, show_default=True, type=click.IntRange(min=1), help="Worker processes.")
+@click.option("--starts", default=20, show_default=True, type=click.IntRange(1, 10_000), help="Number of starts.")
+@click.option("-j", "--jobs", default=1, show_default=True, type=click.IntRange(1, 1024), help="Worker processes.")
 @click.option("--out", metavar="FILE", help="Result file of the best one.  [default: PROBLEM.socp.json]")
 @click.option("--json", "as_json", is_flag=True, help="Write the table as JSON.")
 @click.option("--quiet", is_flag=True, help="Write no progress and no messages.")
@@ -143,7 +143,7 @@ def _cells(solution: "Solution", starts: int) -> Mapping[str, str]:
 
 @click.command(short_help="Find the best objective for every number of switches, print a table.")
 @click.argument("problem", metavar="FILE_OR_NAME")
-@click.option("--max-switches", "most", required=True, type=click.IntRange(min=0), help="Largest number of switches.")
+@click.option("--max-switches", "most", required=True, type=click.IntRange(0, 100), help="Largest number of switches.")
 @click.option("--dwell", default=0.0, show_default=True, type=click.FloatRange(min=0.0),
               help="Least time between two switches, and from the ends.")  # fmt: skip
 @click.option("--out", metavar="FILE", help="Result file of the best one.  [default: PROBLEM.socp.json]")
