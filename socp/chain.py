@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from socp import pmp
-from socp.errors import ProblemError
+from socp import checks, pmp
 from socp.given import check_laws
 from socp.method import Method, check_options, options
 from socp.nlp import Watch, silent
@@ -25,10 +24,10 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
 
     Ctrl-C while it is judged gives the solution without a verdict.
     Raises MethodError for options out of range and for what the method cannot try, ProblemError for a wrong
-    user-given law.
+    user-given law and for controls that have no use.
     """
     check_options(method)
-    check_controls(problem)
+    checks.useful(problem)
     check_laws(problem)
     solution = method.solve(problem, guess, watch)
     solution = replace(solution, method=method.name, options=described(method), versions=versions())
@@ -36,15 +35,6 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
         return judge(problem, solution)
     except KeyboardInterrupt:  # what has been solved is not lost for want of a judgement
         return solution
-
-
-def check_controls(problem: Problem) -> None:
-    """Raise ProblemError for a problem without controls: it has no word, no switches and nothing to certify."""
-    if not problem.control_names:
-        raise ProblemError(
-            f"problem '{problem.name}': no control; a problem to solve has one at least: bounds={{u: (lower, upper)}}, "
-            "with u in a rate or in running"
-        )
 
 
 def judge(problem: Problem, solution: Solution) -> Solution:

@@ -181,10 +181,24 @@ def _affine(problem: "Problem") -> None:
 
 
 def _acting(problem: "Problem") -> None:
-    """Refuse a control that changes nothing that matters: any value would be as good, and none could be told right.
+    """Refuse a control whose terms cancel wherever it stands."""
+    fields = casadi.vertcat(problem.fields, casadi.jacobian(problem.lagrangian, problem.u))
+    for k, name in enumerate(problem.control_names):
+        if _zero(fields[:, k]):
+            what = "its terms cancel in all rates and in running"
+            raise ProblemError(f"control '{name}' does nothing: {what}; leave it out")
+
+
+def useful(problem: "Problem") -> None:
+    """Raise ProblemError for a problem that cannot be solved for its controls: without any, or with one for nothing.
 
     What matters is the cost, a state with an end or a bound, and the conditions; what moves one of these matters too.
+    Of a control that moves nothing that matters any value is as good, and none could be told right.
     """
+    place = f"problem '{problem.name}'"
+    if not problem.control_names:
+        what = "a problem to solve has one at least: bounds={u: (lower, upper)}, with u in a rate or in running"
+        raise ProblemError(f"{place}: no control; {what}")
     matters = [problem.lagrangian, problem.mayer]
     matters += [c.expression for c in problem.constraints] + [c.expression for c in problem.conditions]
     seen = {s for e in matters for s in casadi.symvar(e)} | {*problem.end}
@@ -192,15 +206,10 @@ def _acting(problem: "Problem") -> None:
     while known != seen:
         known = set(seen)
         seen |= {s for state in known & {*problem.dynamics} for s in casadi.symvar(casadi.SX(problem.dynamics[state]))}
-    fields = casadi.vertcat(problem.fields, casadi.jacobian(problem.lagrangian, problem.u))
-    for k, control in enumerate(casadi.vertsplit(problem.u) if problem.u.numel() else []):
+    for control in casadi.vertsplit(problem.u):
         if control not in seen:
-            what = "it moves neither the objective nor any state that has an end, a bound or a part in another's rate"
-        elif _zero(fields[:, k]):
-            what = "its terms cancel in all rates and in running"
-        else:
-            continue
-        raise ProblemError(f"control '{control}' does nothing: {what}; any value is as good; leave it out")
+            what = "it moves neither the objective nor a state that has an end, a bound or a part in another's rate"
+            raise ProblemError(f"{place}: control '{control}' does nothing: {what}; any value is as good; leave it out")
 
 
 def _zero(column_: Expr) -> bool:

@@ -48,9 +48,11 @@ def check(problem: "Problem") -> None:
             _end(table, symbol, value, problem.bounds.get(symbol))
     first = _pair("initial_time", problem.initial_time)
     last = _pair("final_time", problem.final_time)
-    if last[1] - first[0] <= _RESOLVED * max(abs(first[0]), abs(last[1]), _SMALLEST) and last[1] < math.inf:
-        before = "is not after" if last[1] <= first[0] else "cannot be told from"
-        raise ProblemError(f"final_time: {problem.final_time} {before} initial_time {problem.initial_time}")
+    if last[1] <= first[0]:
+        raise ProblemError(f"final_time: {problem.final_time} is not after initial_time {problem.initial_time}")
+    times = abs(first[0]), abs(last[1])
+    if max(times) < math.inf and last[1] - first[0] <= _RESOLVED * max(*times, _SMALLEST):
+        raise ProblemError(f"final_time: {problem.final_time} cannot be told from initial_time {problem.initial_time}")
     for symbol, value in problem.guess.items():
         _guess(symbol, value)
 

@@ -9,6 +9,8 @@ from rich.text import Text
 
 from socp.cli.loading import load_guess, load_problem
 from socp.cli.session import Exit, Session, heading, show, write_json
+from socp.errors import ProblemError
+from socp.telling import short
 
 if TYPE_CHECKING:
     from socp.verdict import Verdict
@@ -32,6 +34,8 @@ def check(session: Session, /, result: str, problem: str | None, as_json: bool) 
 
     registry = session.registry()
     name = problem or Solution.load(result).problem
+    if problem is None and name not in registry.entries:
+        raise ProblemError(f"{result}: its problem '{short(name)}' is not registered; give its file: --problem FILE")
     found = load_problem(name, registry)
     solution = judge(found, load_guess(result, found))
     verdict = solution.verdict

@@ -52,10 +52,12 @@ def census(session: Session, /, **given: Any) -> int:
     """
     from socp.census import recipe, survey
     from socp.chain import versions
+    from socp.checks import useful
     from socp.kept import Kept, fingerprint
 
     session.quiet, starts = given["quiet"], given["starts"]
     posed = load_problem(given["problem"], session.registry(plugins=False))
+    useful(posed)
     path = writable(Path(given["out"] or f"{posed.name}.socp.json"))
     kept = Kept(path.parent / f"{posed.name}.census", fingerprint(posed, recipe()))
     with progress(messages(), f"{posed.name}, census", quiet=session.quiet) as watch:
@@ -157,10 +159,12 @@ def frontier(session: Session, /, **given: Any) -> int:
     """
     from socp.census import explore
     from socp.chain import versions
+    from socp.checks import useful
     from socp.frontier import frontier as search
 
     session.quiet = given["quiet"]
     posed = load_problem(given["problem"], session.registry(plugins=False))
+    useful(posed)
     path = writable(Path(given["out"] or f"{posed.name}.socp.json"))
     most, dwell = given["most"], given["dwell"]
     with progress(messages(), f"{posed.name}, frontier", quiet=session.quiet) as watch:
