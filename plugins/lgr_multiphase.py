@@ -38,9 +38,7 @@ class LgrMultiphase(Method):
     word: str = option("", "arcs by control, such as 'r: + s s s +; f: + + b - -'")
     lengths: str = option("", "rough arc lengths as a guess, such as '0.05 0.6 14 0.1 0.2'; equal where not given")
     phases: int = option(3, "number of phases where there is no word", least=1, most=1000)
-    points: int = option(
-        0, "collocation points an interval; 0 means 40 without a word, 10 with one", least=0, most=100
-    )
+    points: int = option(0, "collocation points an interval; 0 means 40 without a word, 10 with one", least=0, most=100)
     intervals: int = option(
         0, "intervals an arc; 0 means one without a word, as many as the tolerance needs with one", least=0
     )

@@ -88,9 +88,7 @@ def _pair(place: str, value: Any, symbol: Expr = None, *, single: bool = True) -
         low, high = interval(shown(value) if isinstance(value, np.ndarray) else value) if single else interval([*value])
     except Exception:  # noqa: BLE001 - what is iterated or compared may be of a stranger's class
         wanted = "a number or a pair (lower, upper)" if single else "a pair (lower, upper)"
-        raise ProblemError(
-            f"{place}: {shown(value)} where {wanted} is needed{advice.numbers(symbol, value)}"
-        ) from None
+        raise ProblemError(f"{place}: {shown(value)} where {wanted} is needed{advice.numbers(symbol, value)}") from None
     if math.isnan(low) or math.isnan(high) or low == math.inf or high == -math.inf:
         raise ProblemError(f"{place}: {shown(value)} where finite numbers are needed")
     if any(_LARGEST < abs(each) < math.inf for each in (low, high)):

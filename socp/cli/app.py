@@ -65,8 +65,19 @@ def socp(context: click.Context, debug: bool, without: tuple[str, ...]) -> int:
 
 
 for _command in (
-    solve, check, compare, census, frontier, export, plot, record,
-    view, describe, list_, methods, plugins,
+    solve,
+    check,
+    compare,
+    census,
+    frontier,
+    export,
+    plot,
+    record,
+    view,
+    describe,
+    list_,
+    methods,
+    plugins,
 ):
     socp.add_command(_command)
 
