@@ -38,7 +38,9 @@ class Auto(Method):
     source: ClassVar[str] = "structure from direct collocation, mended by the minimum principle"
     steps: int = option(100, "steps of the first direct solves", least=10)
     starts: int = option(12, "coarse solves from scattered guesses, at most, to find the best extremal", least=0)
-    digits: int = option(9, "digits of objective and switching times that two computations have to agree on", least=1)
+    digits: int = option(
+        9, "digits of objective and switching times that two computations have to agree on", least=1, most=15
+    )
     max_switches: int = option(6, "most switches of the best word where the control chatters; 0: any number", least=0)
     backend: Backend = option(_DIRECT, "solver of the first direct solves")
 

@@ -28,7 +28,7 @@ class Lgr(Method):
     name: ClassVar[str] = "lgr"
     source: ClassVar[str] = "Garg et al., Automatica 46 (2010), doi:10.1016/j.automatica.2010.06.048"
     intervals: int = option(40, "intervals of equal length", least=1)
-    points: int = option(4, "collocation points an interval", least=1)
+    points: int = option(4, "collocation points an interval", least=1, most=100)
     backend: Backend = option(Ipopt(), "solver of the nonlinear programme")
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:

@@ -1,5 +1,6 @@
 """Legendre-Gauss-Radau collocation on several phases of free lengths, with free controls or along a given word."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import ClassVar, final
 
@@ -36,8 +37,8 @@ class LgrMultiphase(Method):
     source: ClassVar[str] = "doi:10.3934/dcdsb.2019092, section 4 (GPOPS) and (16)"
     word: str = option("", "arcs by control, such as 'r: + s s s +; f: + + b - -'")
     lengths: str = option("", "rough arc lengths as a guess, such as '0.05 0.6 14 0.1 0.2'; equal where not given")
-    phases: int = option(3, "number of phases where there is no word", least=1)
-    points: int = option(0, "collocation points an interval; 0 means 40 without a word, 10 with one", least=0)
+    phases: int = option(3, "number of phases where there is no word", least=1, most=1000)
+    points: int = option(0, "collocation points an interval; 0 means 40 without a word, 10 with one", least=0, most=100)
     intervals: int = option(
         0, "intervals an arc; 0 means one without a word, as many as the tolerance needs with one", least=0
     )
@@ -71,7 +72,7 @@ class LgrMultiphase(Method):
             lengths = [float(part) for part in self.lengths.replace(",", " ").split()]
         except ValueError:
             raise MethodError(f"lengths: '{self.lengths}' should be numbers, one an arc") from None
-        if len(lengths) != count or min(lengths) <= 0:
+        if len(lengths) != count or not all(0 < length < math.inf for length in lengths):
             raise MethodError(f"lengths: '{self.lengths}' should be {count} positive numbers, one an arc")
         return split(guess, lengths)
 

@@ -60,7 +60,7 @@ class Mboc(Method):
     name: ClassVar[str] = "mboc"
     source: ClassVar[str] = "doi:10.3934/dcdsb.2019092, section 3 (MBOC, MBNLP)"
     switches: str = option("auto", "most switches that the word may have, or auto: as few as it takes")
-    points: int = option(12, "collocation points an arc during the search", least=2)
+    points: int = option(12, "collocation points an arc during the search", least=2, most=100)
     solver: str = option("search", "search over words, or bonmin, scip, gdpopt, mindtpy, knitro, gurobi")
     time: float = option(60.0, "seconds after which the search gives its best", least=0)
     starts: int = option(12, "coarse solves from scattered guesses, at most, to find the best extremal", least=1)

@@ -6,35 +6,37 @@ from socp.symbols import Expr
 
 _SUMS = {casadi.OP_ADD, casadi.OP_SUB, casadi.OP_NEG, casadi.OP_TWICE, casadi.OP_ASSIGN}
 Held = frozenset[int]  # places of symbols in u
+Bent = dict[int, int]  # place in u -> casadi's number of the operation that the symbol enters otherwise than affinely
 
 
-def not_affine(expression: Expr, u: Expr) -> list[int]:
-    """Return the places in u (nu, 1) of the symbols that a scalar expression is not affine in.
+def not_affine(expression: Expr, u: Expr) -> Bent:
+    """Return the places in u (nu, 1) of the symbols that a scalar expression is not affine in, each with what bends it.
 
     A product of two affine factors counts as curved in both, even if later terms cancel it. Derivatives would not do:
     those of sign(u), or of if_else(u > 0, ..), vanish.
     """
     others = [s for s in casadi.symvar(expression) if not casadi.depends_on(s, u)]
     function = casadi.Function("part", [u, casadi.vertcat(*others)], [expression])
-    work: dict[int, tuple[Held, Held]] = {}  # register -> (symbols held affinely, symbols held otherwise)
+    work: dict[int, tuple[Held, Bent]] = {}  # register -> (symbols held affinely, symbols held otherwise)
     for k in range(function.n_instructions()):
         operation, output = function.instruction_id(k), function.instruction_output(k)
         if operation == casadi.OP_CONST:
-            work[output[0]] = frozenset(), frozenset()
+            work[output[0]] = frozenset(), {}
         elif operation == casadi.OP_INPUT:
             argument, place = function.instruction_input(k)
-            work[output[0]] = frozenset({place} if argument == 0 else ()), frozenset()
+            work[output[0]] = frozenset({place} if argument == 0 else ()), {}
         elif operation == casadi.OP_OUTPUT:
-            return sorted(work[function.instruction_input(k)[0]][1])
+            found = work[function.instruction_input(k)[0]][1]
+            return {place: found[place] for place in sorted(found)}
         else:
             work[output[0]] = _combined(operation, [work[register] for register in function.instruction_input(k)])
-    return []
+    return {}
 
 
-def _combined(operation: int, given: list[tuple[Held, Held]]) -> tuple[Held, Held]:
+def _combined(operation: int, given: list[tuple[Held, Bent]]) -> tuple[Held, Bent]:
     """Return what an operation makes of its arguments."""
     held: Held = frozenset().union(*(h for h, _ in given))
-    curved: Held = frozenset().union(*(c for _, c in given))
+    curved: Bent = {place: bend for _, its in given for place, bend in its.items()}
     if operation in _SUMS:
         keeps = True
     elif operation == casadi.OP_MUL:
@@ -45,4 +47,4 @@ def _combined(operation: int, given: list[tuple[Held, Held]]) -> tuple[Held, Hel
         keeps = not given[0][0]
     else:
         keeps = not held
-    return held, curved if keeps else curved | held
+    return held, curved if keeps else {**dict.fromkeys(held, operation), **curved}

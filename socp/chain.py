@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from socp import pmp
+from socp import checks, pmp
 from socp.given import check_laws
 from socp.method import Method, check_options, options
 from socp.nlp import Watch, silent
@@ -24,9 +24,10 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
 
     Ctrl-C while it is judged gives the solution without a verdict.
     Raises MethodError for options out of range and for what the method cannot try, ProblemError for a wrong
-    user-given law.
+    user-given law and for controls that have no use.
     """
     check_options(method)
+    checks.useful(problem)
     check_laws(problem)
     solution = method.solve(problem, guess, watch)
     solution = replace(solution, method=method.name, options=described(method), versions=versions())

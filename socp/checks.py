@@ -5,22 +5,19 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import casadi
+import numpy as np
 
-from socp import ranges, scene
+from socp import advice, keys, ranges, scene
 from socp.affinity import not_affine
 from socp.errors import ProblemError
-from socp.symbols import Expr, final_time, initial, initial_time, is_logical, is_symbol, relation, role, time
+from socp.symbols import Expr, final_time, initial, initial_time, is_logical, is_number, relation, role, time
+from socp.telling import a, plainly, shown
 
 if TYPE_CHECKING:
     from socp.problem import Problem
 
-TABLES = ("dynamics", "bounds", "start", "end", "target", "path", "singular", "boundary", "guess", "units")
 _TIMES = (initial_time, final_time)
-_KINDS = {  # what may stand as a key, by table; other tables take names
-    "dynamics": ("state",), "start": ("state",), "end": ("state",), "singular": ("control",), "boundary": ("control",),
-    "bounds": ("state", "control", "parameter"), "guess": ("state", "control", "parameter"),
-    "units": ("state", "control", "parameter"),
-}  # fmt: skip
+_POINTS = 8  # random points at which a control's effect is looked for: a term that acts shows at nearly every one
 
 
 def expressions(problem: "Problem") -> list[Expr]:
@@ -43,67 +40,17 @@ def boundary_laws(boundary: Mapping[Expr, Any]) -> Iterator[tuple[str | None, Ex
 def validate(problem: "Problem") -> None:
     """Raise ProblemError, naming problem and offender, unless the problem is well posed as written."""
     try:
-        _tables(problem)
+        keys.check(problem)
+        scene.check(problem.scene)
         _expressions(problem)
         _symbols(problem)
         ranges.check(problem)
         _used(problem)
         _affine(problem)
+        _acting(problem)
         _named(problem)
     except ProblemError as error:
-        raise ProblemError(f"problem {_label(problem.name)}: {error}") from None
-
-
-def _label(name: Any) -> str:
-    return f"'{name}'" if isinstance(name, str) else repr(name)
-
-
-def _tables(problem: "Problem") -> None:
-    """Check names, tables and their keys: what kind of thing stands where."""
-    if not isinstance(problem.name, str) or not problem.name.strip():
-        raise ProblemError("name: a problem needs a name, a string that is not empty")
-    for text in ("title", "source"):
-        _string(text, getattr(problem, text))
-    if problem.reference is not None and type(problem.reference).__name__ != "Reference":
-        raise ProblemError(f"reference: {problem.reference!r} where a Reference(objective=...) is needed")
-    for table in TABLES:
-        if not isinstance(getattr(problem, table), Mapping):
-            raise ProblemError(f"{table}: {getattr(problem, table)!r} where a table {{...: ...}} is needed")
-    if not problem.dynamics:
-        raise ProblemError("dynamics: give the rate of at least one state")
-    _keys(problem)
-    scene.check(problem.scene)
-
-
-def _keys(problem: "Problem") -> None:
-    for table, kinds in _KINDS.items():
-        for key in getattr(problem, table):
-            _key(table, key, kinds)
-    for table in ("target", "path"):
-        for name in getattr(problem, table):
-            if not isinstance(name, str) or not name.strip():
-                raise ProblemError(f"{table}: {name!r} where the condition's name, a string, is needed")
-    for symbol, unit in problem.units.items():
-        _string(f"units of '{symbol}'", unit)
-
-
-def _string(place: str, value: Any) -> None:
-    if not isinstance(value, str):
-        raise ProblemError(f"{place}: {value!r} where a string is needed")
-
-
-def _key(table: str, key: Any, kinds: tuple[str, ...]) -> None:
-    if is_symbol(key) and ((table == "guess" and key in set(_TIMES)) or (table == "units" and key in {time, *_TIMES})):
-        return
-    kind, last = role(key), " or a ".join(kinds)
-    if is_symbol(key) and key in set(_TIMES) and table == "bounds":
-        entry = "final_time" if key.name() == "tf" else "initial_time"
-        raise ProblemError(f"bounds: '{key}' has its own entry; write {entry}=(lower, upper)")
-    if kind is None:
-        what = "is not declared" if is_symbol(key) else f"is no symbol (it is a {type(key).__name__})"
-        raise ProblemError(f"{table}: '{key}' {what}; a {last} made by {kinds[0]}s(...) goes here")
-    if kind not in kinds:
-        raise ProblemError(f"{table}: '{key}' is a {kind}; a {last} goes here")
+        raise ProblemError(f"problem {keys.label(problem.name)}: {error}") from None
 
 
 def placed(problem: "Problem") -> Iterator[tuple[str, Expr]]:
@@ -119,7 +66,10 @@ def placed(problem: "Problem") -> Iterator[tuple[str, Expr]]:
     for name, constraint in problem.path.items():
         left, equation = relation(constraint, f"path '{name}'")
         if equation:
-            raise ProblemError(f"path '{name}': an equation; a path constraint is c(x, t) <= 0")
+            raise ProblemError(
+                f"path '{name}': an equation; a path constraint is c(x, t) <= 0; where an equation holds all the way, "
+                "eliminate a state by it; one at the end goes into target"
+            )
         yield f"path '{name}'", left
     yield from scene.placed(problem.scene)
 
@@ -128,13 +78,17 @@ def _expressions(problem: "Problem") -> None:
     if problem.minimise is None and problem.running is None:
         raise ProblemError("no objective: give minimise (a Mayer term) or running (an integrand), or both")
     for place, expression in placed(problem):
-        if not isinstance(expression, casadi.SX) and not ranges.is_number(expression):
-            raise ProblemError(f"{place}: {expression!r} is not an expression (it is a {type(expression).__name__})")
+        if not isinstance(expression, casadi.SX) and not is_number(expression):
+            what = f"is not an expression (it is {a(expression)})"
+            raise ProblemError(f"{place}: {shown(expression)} {what}{advice.expression(expression)}")
         scalar = casadi.SX(expression)
         if scalar.shape != (1, 1):
             raise ProblemError(f"{place}: shape {scalar.shape} where one number is needed")
         if is_logical(scalar):
-            raise ProblemError(f"{place}: {expression} is a relation, true or false, where a quantity is needed")
+            raise ProblemError(
+                f"{place}: {plainly(scalar)} is a relation, true or false, where a quantity is needed; "
+                "relations go into path and target; of two cases, write casadi's if_else(x > 0, a, b)"
+            )
         _finite(place, scalar)
 
 
@@ -142,8 +96,10 @@ def _finite(place: str, expression: Expr) -> None:
     """Refuse nan and infinity anywhere inside an expression: no solver recovers from either."""
     function = casadi.Function("part", casadi.symvar(expression), [expression])
     for k in range(function.n_instructions()):
-        if function.instruction_id(k) == casadi.OP_CONST and not math.isfinite(function.instruction_constant(k)):
-            raise ProblemError(f"{place}: {expression} where a finite value is needed")
+        if function.instruction_id(k) != casadi.OP_CONST or math.isfinite(function.instruction_constant(k)):
+            continue
+        why = advice.not_finite(function.instruction_constant(k), ends=place.startswith(("target", "path")))
+        raise ProblemError(f"{place}: {plainly(expression)} where a finite value is needed; {why}")
 
 
 def _symbols(problem: "Problem") -> None:
@@ -157,13 +113,25 @@ def _symbols(problem: "Problem") -> None:
             if kind == "state" and symbol not in problem.dynamics:
                 raise ProblemError(f"{place}: state '{symbol}' has no dynamics")
             if kind == "control" and not with_controls:
-                raise ProblemError(f"{place}: uses the control '{symbol}'; allowed are states, parameters and times")
+                raise ProblemError(
+                    f"{place}: uses the control '{symbol}'; allowed are states, parameters and times"
+                    f"{_cure(place, expression)}"
+                )
             if kind == "control" and symbol not in problem.bounds:
                 raise ProblemError(f"control '{symbol}' has no bounds; give bounds={{{symbol}: (lower, upper)}}")
             if kind == "parameter" and place.startswith("scene") and symbol not in used:
                 raise ProblemError(f"{place}: parameter '{symbol}' is in no other expression of the problem")
             if kind is None and symbol not in (at_ends if ends else {time}):
                 raise ProblemError(f"{place}: unknown symbol '{symbol}'{_hint(symbol, ends=ends)}")
+
+
+def _cure(place: str, expression: Expr) -> str:
+    """Return what to write where a control stands in a path constraint or a condition of the end."""
+    if place.startswith("path"):
+        return "; " + advice.mixed([s.name() for s in casadi.symvar(expression) if role(s) == "control"])
+    if place == "minimise":
+        return "; what depends on controls all along the way goes into running"
+    return ""
 
 
 def _hint(symbol: Expr, *, ends: bool) -> str:
@@ -186,7 +154,7 @@ def _used(problem: "Problem") -> None:
         if control not in used:
             raise ProblemError(f"bounds: control '{control}' acts on nothing; it is in no dynamics and not in running")
     lacking = {"state": "dynamics", "control": "bounds", "parameter": "place in any expression of the problem"}
-    for table in _KINDS:
+    for table in keys.KINDS:
         for symbol in getattr(problem, table):
             kind = role(symbol)
             if kind is not None and symbol not in {*states, *controls, *parameters}:
@@ -206,9 +174,53 @@ def _affine(problem: "Problem") -> None:
     rows = [(f"dynamics of '{state}'", casadi.SX(rate)) for state, rate in problem.dynamics.items()]
     rows.append(("running cost", problem.lagrangian))
     for place, expression in rows:
-        for k in not_affine(expression, problem.u):
+        for k, operation in not_affine(expression, problem.u).items():
             name = problem.control_names[k]
-            raise ProblemError(f"{place} is not affine in control '{name}'; write it as f0 + {name}*f1")
+            cure = advice.bent(name, problem.box[:, k].tolist(), operation)
+            raise ProblemError(f"{place} is not affine in control '{name}'; {cure}")
+
+
+def _acting(problem: "Problem") -> None:
+    """Refuse a control whose terms cancel wherever it stands."""
+    fields = casadi.vertcat(problem.fields, casadi.jacobian(problem.lagrangian, problem.u))
+    for k, name in enumerate(problem.control_names):
+        if _zero(fields[:, k]):
+            what = "its terms cancel in all rates and in running"
+            raise ProblemError(f"control '{name}' does nothing: {what}; leave it out")
+
+
+def useful(problem: "Problem") -> None:
+    """Raise ProblemError for a problem that cannot be solved for its controls: without any, or with one for nothing.
+
+    What matters is the cost, a state with an end or a bound, and the conditions; what moves one of these matters too.
+    Of a control that moves nothing that matters any value is as good, and none could be told right.
+    """
+    place = f"problem '{problem.name}'"
+    if not problem.control_names:
+        what = "no control; a problem to solve has one at least: bounds={u: (lower, upper)}, with u in a rate or in running"
+        raise ProblemError(f"{place}: {what}")
+    matters = [problem.lagrangian, problem.mayer]
+    matters += [c.expression for c in problem.constraints] + [c.expression for c in problem.conditions]
+    seen = {s for e in matters for s in casadi.symvar(e)} | {*problem.end}
+    known: set[Expr] = set()
+    while known != seen:
+        known = set(seen)
+        seen |= {s for state in known & {*problem.dynamics} for s in casadi.symvar(casadi.SX(problem.dynamics[state]))}
+    for control in casadi.vertsplit(problem.u):
+        if control not in seen:
+            what = "it moves neither the objective nor a state that has an end, a bound or a part in another's rate"
+            raise ProblemError(f"{place}: control '{control}' does nothing: {what}; any value is as good; leave it out")
+
+
+def _zero(column_: Expr) -> bool:
+    """Tell whether a column of expressions vanishes wherever it can be computed, by values at random points."""
+    if column_.nnz() == 0:
+        return True
+    unknown = casadi.vertcat(*casadi.symvar(column_))
+    function, random = casadi.Function("column", [unknown], [casadi.densify(column_)]), np.random.default_rng(0)
+    values = [function(random.uniform(-2.0, 2.0, unknown.numel())).full() for _ in range(_POINTS)]
+    known = [value for value in values if np.isfinite(value).all()]
+    return bool(known) and not any(value.any() for value in known)
 
 
 def _named(problem: "Problem") -> None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, final
 import pluggy
 
 from socp.errors import SocpError
+from socp.telling import said, short
 
 if TYPE_CHECKING:
     from socp.method import Method
@@ -106,9 +107,14 @@ def line_of(error: BaseException, file: str) -> int | None:
 
 def reason(error: BaseException) -> str:
     """Return an exception's kind and text on one line; the kind is left out where the text was written for the user."""
-    text = error.msg if isinstance(error, SyntaxError) else " ".join(str(error).split())
-    kind = "" if isinstance(error, (SocpError, pluggy.PluginValidationError)) else type(error).__name__
-    return ": ".join(filter(None, (kind, text)))
+    text = short(str(error.msg)) if isinstance(error, SyntaxError) else said(error)
+    if isinstance(error, SocpError):
+        return str(error)
+    from socp.advice import raised  # late: it needs casadi, and lists do not
+
+    hint = raised(text)
+    kind = "" if isinstance(error, pluggy.PluginValidationError) else type(error).__name__
+    return ": ".join(filter(None, (kind, text))) + (f"; {hint}" if hint else "")
 
 
 def explain(error: BaseException, file: str) -> str:

@@ -160,7 +160,7 @@ def _tower(setting: Setting, j: int, constraint: Constraint) -> tuple[list[Expr]
         acting = ", ".join(name for name, its in zip(problem.control_names, slopes, strict=True) if its)
         raise MethodError(
             f"{setting.name()}: control '{problem.control_names[j]}' does not act on '{constraint.name}' "
-            f"(order {len(held)}), {acting} does"
+            f"(order {len(held)}){f', {acting} does' if acting else ', no control does'}"
         )
     return held, top
 

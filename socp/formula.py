@@ -20,12 +20,19 @@ _CALLS = {
     )
 }  # fmt: skip
 _ATOM, _UNARY, _PRODUCT = 9, 4, 3
+_OPPOSITE = {casadi.OP_ADD: " - ", casadi.OP_SUB: " + "}
 _DENOMINATORS = (1, 2, 3, 4, 6)
 
 
 def formula(expression: Expr) -> str:
-    """Return an expression (1, 1), or a relation of two, as text; what has no sign here is left to casadi."""
-    return _write(casadi.SX(expression))[0]
+    """Return an expression (1, 1), or a relation of two, as text; what has no sign here is left to casadi.
+
+    So is an expression that is nested too deeply to be walked through.
+    """
+    try:
+        return _write(casadi.SX(expression))[0]
+    except RecursionError:
+        return str(expression)
 
 
 def number(value: float) -> str:
@@ -62,7 +69,10 @@ def _infix(operation: int, left: Any, right: Any) -> tuple[str, int]:
         left, right = right, left
     strict = operation in {casadi.OP_SUB, casadi.OP_DIV}
     power = binds == _INFIX[casadi.OP_POW][1]
-    return _held(left, binds + power) + sign + _held(right, binds + strict), binds
+    before, after = _held(left, binds + power), _held(right, binds + strict)
+    if operation in _OPPOSITE and after.startswith("-"):  # a - -2*b is a + 2*b
+        return before + _OPPOSITE[operation] + after[1:], binds
+    return before + sign + after, binds
 
 
 def _held(expression: Any, binds: int) -> str:
@@ -71,7 +81,8 @@ def _held(expression: Any, binds: int) -> str:
 
 
 def _negated(inner: Any) -> tuple[str, int]:
-    return f"-{_held(inner, _PRODUCT)}", 2
+    text = _held(inner, _PRODUCT)
+    return (text[1:], _PRODUCT) if text.startswith("-") else (f"-{text}", 2)
 
 
 def _squared(inner: Any) -> tuple[str, int]:

@@ -1,10 +1,13 @@
 """Methods: the one abstract class of the plugin contract, its options, and the solve that most methods share."""
 
 import abc
+import math
+import numbers
 import time
 from collections.abc import Sequence
 from dataclasses import MISSING, Field, field, fields, replace
-from typing import Any, ClassVar
+from types import NoneType
+from typing import Any, ClassVar, get_args, get_type_hints
 
 from socp.collocate import Mesh, collocate
 from socp.errors import MethodError
@@ -12,6 +15,11 @@ from socp.nlp import NLP, Backend, NLPPoint, Progress, Reduced, Watch, silent
 from socp.phases import PhasedProblem
 from socp.problem import Problem
 from socp.solution import Solution, Stop
+from socp.symbols import is_number
+from socp.telling import shown
+
+LARGEST = 100_000  # steps, points or arcs: programmes of more do not fit into memory
+WANTED = {int: "a whole number", float: "a number", bool: "true or false", str: "a text"}  # by type
 
 _LONGER = (2.0, 5.0, 12.0)  # horizons tried, over the guessed one; the guess is of the right order of magnitude
 
@@ -33,10 +41,12 @@ class Method(abc.ABC):
         """
 
 
-def option(default: Any, doc: str, *, least: float | None = None) -> Any:
-    """Declare an option of a method: its default, one line for the user, and the least value allowed."""
-    metadata_ = {"doc": doc, "least": least}
-    return field(default=default, metadata=metadata_)
+def option(default: Any, doc: str, *, least: float | None = None, most: float | None = None) -> Any:
+    """Declare an option of a method: its default, one line for the user, the least and the greatest value allowed.
+
+    A whole number without a greatest value of its own is at most `LARGEST`.
+    """
+    return field(default=default, metadata={"doc": doc, "least": least, "most": most})
 
 
 def options(method: type[Method]) -> tuple[Field[Any], ...]:
@@ -45,11 +55,41 @@ def options(method: type[Method]) -> tuple[Field[Any], ...]:
 
 
 def check_options(method: Method) -> None:
-    """Raise MethodError for an option below its least value."""
+    """Raise MethodError for an option of a wrong type or out of its range."""
+    hints = get_type_hints(type(method))
     for each in options(type(method)):
-        least, value = each.metadata.get("least"), getattr(method, each.name)
-        if least is not None and value is not None and not value >= least:  # nan is none either
-            raise MethodError(f"{method.name}: {each.name}={value}, but it must be at least {least}")
+        value, kinds = getattr(method, each.name), get_args(hints[each.name]) or (hints[each.name],)
+        place, kind = f"{method.name}: {each.name}", next((kind for kind in kinds if kind in WANTED), None)
+        if kind is None or (value is None and NoneType in kinds):
+            continue
+        if not _of(value, kind):
+            finite = ", finite" if kind is float else ""
+            raise MethodError(f"{place}={shown(value)}, but it should be {WANTED[kind]}{finite}")
+        if kind in {int, float}:
+            _in_range(place, value, each, whole=kind is int)
+
+
+def allowed(each: Field[Any], *, whole: bool) -> tuple[float | None, float | None]:
+    """Return the least and the greatest value of an option that is a number, None where there is no limit."""
+    least, most = each.metadata.get("least"), each.metadata.get("most")
+    return least, LARGEST if most is None and whole else most
+
+
+def _of(value: Any, kind: type) -> bool:
+    """Tell whether a value can stand for an option of a type; a flag is no number, and no number is infinite."""
+    if isinstance(value, bool) or kind is bool:
+        return isinstance(value, bool) and kind is bool
+    if kind is float:
+        return is_number(value) and math.isfinite(value)
+    return isinstance(value, numbers.Integral if kind is int else kind)
+
+
+def _in_range(place: str, value: float, each: Field[Any], *, whole: bool) -> None:
+    least, most = allowed(each, whole=whole)
+    if least is not None and value < least:
+        raise MethodError(f"{place}={shown(value)}, but it must be at least {least}")
+    if most is not None and value > most:
+        raise MethodError(f"{place}={shown(value)}, but it must be at most {most}")
 
 
 def solve_collocated(

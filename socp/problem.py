@@ -4,12 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, final
+from typing import Any, Self, final
 
 import casadi
 import numpy as np
 
-from socp import checks, notebook
+from socp import advice, checks, keys, notebook
+from socp.errors import ProblemError
+from socp.parts import Condition, Constraint, Reference
 from socp.ranges import interval, rows
 from socp.scene import Scene
 from socp.symbols import (
@@ -31,37 +33,6 @@ __all__ = [
     "Condition", "Constraint", "Expr", "Problem", "Reference", "Scene", "controls", "final_time", "free", "initial",
     "initial_time", "parameters", "states", "time",
 ]  # fmt: skip
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Constraint:
-    """A state constraint c(x, t, p) <= 0; a bound of state `v` is named `v.lower` or `v.upper`."""
-
-    name: str
-    expression: Expr
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Condition:
-    """An end condition psi = 0 (equation) or psi <= 0 on x(t0), x(tf), t0, tf and the parameters."""
-
-    name: str
-    expression: Expr
-    equation: bool
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class Reference:
-    """Known values to compare with; no method reads them."""
-
-    objective: float
-    switches: tuple[float, ...] = ()
-    word: str = ""
-    tolerance: float = 1e-9
-    source: str = ""
 
 
 @final
@@ -103,9 +74,17 @@ class Problem:
     reference: Reference | None = None
     scene: Scene | None = None
 
+    def __new__(cls, *_: Any, **given: Any) -> Self:
+        """Refuse a keyword that there is none of, with what to write instead."""
+        for name in given:
+            if name not in cls.__dataclass_fields__:
+                there = advice.keyword(name, cls.__dataclass_fields__)
+                raise ProblemError(f"Problem({name}=...): a problem has no '{name}'{there}")
+        return super().__new__(cls)
+
     def __post_init__(self) -> None:
         checks.validate(self)
-        for table in checks.TABLES:
+        for table in keys.TABLES:
             object.__setattr__(self, table, MappingProxyType(dict(getattr(self, table))))
 
     def __repr__(self) -> str:

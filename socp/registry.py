@@ -12,6 +12,7 @@ import pluggy
 from socp import hookspecs
 from socp.entries import PLUGINS, PROBLEMS, Entry, Plugin, Status, explain, origin, package, points, refusal, suggest
 from socp.errors import MethodError, ProblemError, SocpError
+from socp.telling import short
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -98,17 +99,19 @@ class Registry:
             if plugin.name.replace("_", "-") == name.replace("_", "-") and plugin.status != "loaded":
                 kind = MethodError if plugin.status == "off" else PluginError
                 raise kind(f"method '{name}': plugin '{plugin.name}' is {plugin.status}: {plugin.reason}")
-        raise MethodError(f"unknown method '{name}'{suggest(name, self.methods)}")
+        raise MethodError(f"unknown method '{short(name)}'{suggest(name, self.methods)}")
 
     def problem(self, name: str) -> "Problem":
         """Import and return a registered problem; ProblemError says what is wrong with it, or which name is closest."""
         if name not in self.entries:
-            raise ProblemError(f"unknown problem '{name}'{suggest(name, self.entries)}")
+            raise ProblemError(f"unknown problem '{short(name)}'{suggest(name, self.entries)}")
         entry = self.entries[name]
         where = f"problem '{name}' of {entry.package}"
         try:
             found = metadata.EntryPoint(name, entry.target, PROBLEMS).load()
-        except (Exception, SystemExit) as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             raise ProblemError(f"{where}: {explain(error, origin(entry.target))}") from error
         return as_problem(found, f"{where}: {entry.target}")
 

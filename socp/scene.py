@@ -10,8 +10,8 @@ import casadi
 import numpy as np
 
 from socp.errors import ProblemError
-from socp.ranges import is_number
-from socp.symbols import Expr, column, is_symbol, role, time
+from socp.symbols import Expr, column, is_number, is_symbol, role, time
+from socp.telling import plainly, shown
 
 if TYPE_CHECKING:
     from socp.problem import Problem
@@ -159,11 +159,11 @@ def check(scene: Any) -> None:
     if scene is None:
         return
     if not isinstance(scene, Scene):
-        raise ProblemError(f"scene: {scene!r} where a Scene(plane=(x, y)) is needed")
+        raise ProblemError(f"scene: {shown(scene)} where a Scene(plane=(x, y)) is needed")
     for name, value in (("plane", scene.plane), ("flow", scene.flow)):
         pair = isinstance(value, (tuple, list)) and len(value) == 2
         if not pair and not (name == "flow" and value is None):
-            raise ProblemError(f"scene {name}: {value!r} where a pair of expressions is needed")
+            raise ProblemError(f"scene {name}: {shown(value)} where a pair of expressions is needed")
     if scene.target is not None:
         _check_target(scene.target)
     if scene.flow is not None:
@@ -181,13 +181,14 @@ def placed(scene: Scene | None) -> Iterator[tuple[str, Expr]]:
 def _check_target(target: Any) -> None:
     numbers = isinstance(target, (tuple, list)) and len(target) == 3 and all(map(is_number, target))
     if not numbers or not all(map(isfinite, target)) or target[2] <= 0:
-        raise ProblemError(f"scene target: {target!r} where (cx, cy, radius), a disc, is needed")
+        raise ProblemError(f"scene target: {shown(target)} where (cx, cy, radius), a disc, is needed")
 
 
 def _check_flow(scene: Scene) -> None:
     for each in scene.plane:
         if not is_symbol(each) or role(each) != "state":
-            raise ProblemError(f"scene flow: the plane's coordinate {each} is no state; a flow needs a plane of states")
+            what = f"the plane's coordinate {plainly(each)} is no state"
+            raise ProblemError(f"scene flow: {what}; a flow needs a plane of states")
     allowed = set(scene.plane)
     for each in scene.flow or ():
         for symbol in casadi.symvar(casadi.SX(each)) if isinstance(each, casadi.SX) else []:

@@ -1,6 +1,7 @@
 """The words of the problem language: states, controls, parameters, times, and relations between expressions."""
 
 import math
+import sys
 from functools import cache
 from typing import Any, Literal
 
@@ -8,10 +9,12 @@ import casadi
 import numpy as np
 
 from socp.errors import ProblemError
+from socp.telling import plainly, shown
 
 Expr = Any  # a casadi.SX expression, or a number where one will do; casadi carries no types
 Role = Literal["state", "control", "parameter"]
 
+_LONGEST = 100  # characters of a name: more fit into no table or figure
 _RELATIONS = (casadi.OP_LE, casadi.OP_LT, casadi.OP_EQ)
 _TIMES = {"t": "time", "t0": "initial_time", "tf": "final_time"}
 _ROLES: dict[Expr, Role] = {}  # keeps every declared symbol alive, so that no other can take its hash
@@ -46,7 +49,7 @@ def initial(state: Expr) -> Expr:
     Raises ProblemError for anything but a declared state.
     """
     if role(state) != "state":
-        raise ProblemError(f"initial({state}): only a declared state has an initial value")
+        raise ProblemError(f"initial({plainly(state)}): only a declared state has an initial value")
     return _initial(state)
 
 
@@ -70,6 +73,16 @@ def declared(kind: Role) -> list[Expr]:
     return [symbol for symbol, its in _ROLES.items() if its == kind]
 
 
+def is_number(value: Any) -> bool:
+    """Tell whether something is a real number; True and False, which a relation may fold to, are none.
+
+    Nor is an integer that no float can hold.
+    """
+    if isinstance(value, int) and not isinstance(value, bool):
+        return abs(value) <= sys.float_info.max
+    return isinstance(value, (float, np.integer, np.floating))
+
+
 def column(expressions: Any) -> Expr:
     """Stack expressions or numbers into a column; an empty list gives a column of no rows."""
     return casadi.vertcat(casadi.SX(0, 1), *(casadi.SX(e) for e in expressions))
@@ -84,7 +97,7 @@ def relation(expression: Expr, where: str) -> tuple[Expr, bool]:
     if isinstance(expression, (bool, np.bool_)) or (scalar and expression.is_constant()):
         raise ProblemError(f"{where}: the relation is {bool(expression)} whatever the states are; it says nothing")
     if not scalar or expression.op() not in _RELATIONS:
-        raise ProblemError(f"{where}: {expression} is no relation; write left <= right or left == right")
+        raise ProblemError(f"{where}: {plainly(expression)} is no relation; write left <= right or left == right")
     return expression.dep(0) - expression.dep(1), bool(expression.op() == casadi.OP_EQ)
 
 
@@ -95,17 +108,19 @@ def is_logical(expression: Expr) -> bool:
 
 def _declare(names: str, kind: Role) -> Any:
     if not isinstance(names, str):
-        raise ProblemError(f"{kind}s({names!r}): give the names in one string, such as {kind}s('a b')")
+        raise ProblemError(f"{kind}s({shown(names)}): give the names in one string, such as {kind}s('a b')")
     words = names.replace(",", " ").split()
     if not words:
-        raise ProblemError(f"{kind}s({names!r}): name at least one {kind}")
+        raise ProblemError(f"{kind}s({shown(names)}): name at least one {kind}")
     for k, word in enumerate(words):
+        if len(word) > _LONGEST:
+            raise ProblemError(f"{kind}s({shown(names)}): a name of {len(word)} characters; at most {_LONGEST}")
         if not word.isidentifier():
-            raise ProblemError(f"{kind}s({names!r}): '{word}' is no name; use letters, digits and underscores")
+            raise ProblemError(f"{kind}s({shown(names)}): '{word}' is no name; use letters, digits and underscores")
         if word in _TIMES:
-            raise ProblemError(f"{kind}s({names!r}): '{word}' is the name of {_TIMES[word]}; choose another")
+            raise ProblemError(f"{kind}s({shown(names)}): '{word}' is the name of {_TIMES[word]}; choose another")
         if word in words[:k]:
-            raise ProblemError(f"{kind}s({names!r}): '{word}' is declared twice")
+            raise ProblemError(f"{kind}s({shown(names)}): '{word}' is declared twice")
     symbols = tuple(casadi.SX.sym(word) for word in words)
     _ROLES.update(dict.fromkeys(symbols, kind))
     return symbols if len(symbols) > 1 else symbols[0]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, Self, final
 
 from socp.errors import MethodError
+from socp.telling import short
 
 Kind = Literal["lower", "upper", "singular", "boundary", "free"]
 
@@ -16,6 +17,7 @@ _SPELLINGS: dict[str, Kind] = {
     "b": "boundary", "bdry": "boundary", "boundary": "boundary",
     "*": "free", "free": "free",
 }  # fmt: skip
+_MOST = 1000  # arcs of a word that is given: programmes along more do not end in any useful time
 _TOKEN = re.compile(r"(?P<kind>[^\[\]\s]+)(?:\[(?P<constraint>[^\[\]]+)\])?$")
 
 
@@ -41,7 +43,7 @@ class Mode:
         kind = _SPELLINGS.get(match["kind"].lower()) if match else None
         if match is None or kind is None:
             raise MethodError(
-                f"word: '{text}' is no kind of arc; write + (upper bound), - (lower bound), s (singular), "
+                f"word: '{short(text)}' is no kind of arc; write + (upper bound), - (lower bound), s (singular), "
                 "b or b[constraint] (boundary), * (free)"
             )
         if match["constraint"] and kind != "boundary":
@@ -84,7 +86,7 @@ class Word:
             name = name.strip()
             if name not in controls:
                 known = ", ".join(controls)
-                raise MethodError(f"word: '{part}' should start with a control and a colon; controls: {known}")
+                raise MethodError(f"word: '{short(part)}' should start with a control and a colon; controls: {known}")
             if name in rows:
                 raise MethodError(f"word: control '{name}' is given twice")
             rows[name] = [Mode.parse(token) for token in modes.split()]
@@ -96,4 +98,7 @@ class Word:
         if len(set(lengths.values())) > 1:
             counts = ", ".join(f"{name} has {count}" for name, count in lengths.items())
             raise MethodError(f"word: every control needs one mode an arc, but {counts}")
+        most = max(lengths.values(), default=0)
+        if most > _MOST:
+            raise MethodError(f"word: {most} arcs; at most {_MOST}")
         return cls(tuple(controls), tuple(zip(*(rows[name] for name in controls), strict=True)))

@@ -86,12 +86,36 @@ def test_solve_reports_on_stdout_and_writes_the_result(socp: Command) -> None:
 
 
 def test_solve_compares_with_the_reference(socp: Command) -> None:
-    said = socp("solve", "auv", "-m", "trapezoidal", "-o", "steps=60", "--json")
+    said = socp("solve", "auv", "-m", "trapezoidal", "-o", "steps=200", "--json")  # coarser ones miss the conditions
     found = json.loads(said.out)
     assert said.code == 0
     assert found["reference"]["error"] == found["objective"] - found["reference"]["objective"]
     assert found["result"] == "auv.socp.json"
-    assert "objective +" in socp("solve", AUV, "-m", "euler-ipopt", "-o", "steps=60").out
+    assert "objective +" in socp("solve", AUV, "-m", "trapezoidal", "-o", "steps=200").out
+
+
+def test_a_point_that_misses_its_conditions_is_no_answer(socp: Command) -> None:
+    """Sixty steps of implicit Euler: the solver is content, but the control, re-integrated, ends one tenth away."""
+    said = socp("solve", "auv", "-m", "euler-ipopt", "-o", "steps=60")
+    assert said.code == 1
+    for text in (
+        "no answer: re-integrated, the control misses the problem's conditions", "word         none: the point is",
+        "objective    none: the point is infeasible (its value 1",
+    ):  # fmt: skip
+        assert text in said.out
+    assert "reference" not in said.out
+    found = json.loads(socp("solve", "auv", "-m", "euler-ipopt", "-o", "steps=60", "--json").out)
+    assert (found["outcome"], found["objective"], found["word"]) == ("MISSED", None, None)
+    assert found["value"] > 1
+
+
+def test_strict_takes_an_extremal_alone(socp: Command) -> None:
+    grid = ["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=40"]
+    assert "an answer: a feasible point, not certified" in socp(*grid).out
+    assert (socp(*grid).code, socp(*grid, "--strict").code) == (0, 1)
+    exact = ["solve", "cart.py", "-m", "lgr-multiphase", "-o", "word=+ -", "--strict"]
+    assert socp(*exact).code == 0
+    assert "an answer: an extremal, certified" in socp(*exact).out
 
 
 def test_solve_takes_a_guess_an_output_and_a_name_in_a_file(socp: Command) -> None:

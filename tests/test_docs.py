@@ -244,7 +244,7 @@ def test_language_page_lists_every_field() -> None:
     assert sorted(shown) == sorted(each.name for each in dataclasses.fields(Problem))
 
 
-@pytest.mark.parametrize("module", ["checks", "ranges", "scene", "symbols", "affinity", "word"])
+@pytest.mark.parametrize("module", ["keys", "checks", "ranges", "scene", "symbols", "affinity", "word"])
 def test_language_page_shows_every_refusal(module: str) -> None:
     page = (ROOT / "docs" / "language.md").read_text(encoding="utf-8")
     tree = ast.parse((ROOT / "socp" / f"{module}.py").read_text(encoding="utf-8"))

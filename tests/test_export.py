@@ -222,7 +222,7 @@ def test_command_without_its_problem_says_what_is_missing(
     [
         (["bang.socp.json"], 2, "which format?"),
         (["bang.socp.json", "--format", "cvs"], 2, "did you mean 'csv'?"),
-        (["bang.socp.json", "-o", "nowhere/a.csv"], 1, "nowhere/a.csv: cannot be written"),
+        (["bang.socp.json", "-o", "nowhere/a.csv"], 2, "-o nowhere/a.csv: there is no directory nowhere"),
         (["bang.socp.json", "--format", "nl"], 2, "is a result, but nl is made of a problem; for a result take csv"),
         (["auv.py", "--format", "csv"], 2, "is a problem, but csv is made of a result; for a problem take nl, pyomo"),
         (["gone.json", "--format", "csv"], 1, "gone.json: No such file"),

@@ -240,7 +240,7 @@ def test_command_draws(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
         (["rocket.socp.json", "-o", "a.gif"], 2, "-o a.gif: it ends with '.gif'; figures end with .png, .svg, .pdf"),
         (["rocket.socp.json", "--panels", "costate"], 2, "no panel 'costate'; there are scene, controls"),
         (["rocket.socp.json", "--width", "1"], 2, "--width"),
-        (["rocket.socp.json", "-o", "nowhere/a.svg"], 1, "nowhere/a.svg: cannot be written"),
+        (["rocket.socp.json", "-o", "nowhere/a.svg"], 2, "-o nowhere/a.svg: there is no directory nowhere"),
         (["gone.json"], 1, "gone.json: No such file"),
     ],
 )

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from socp_problems.auv import problem as auv
 
-from socp.backends import Ipopt
+from socp.backends import Ipopt, documented
 from socp.backends import ipopt as module
 from socp.collocate import collocate, uniform
 from socp.errors import MethodError, SolveError
@@ -127,7 +127,7 @@ def test_wrong_options_are_refused(options: dict[str, Any], message: str, capfd:
 
 
 def test_the_defaults_need_no_probing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_probe", lambda _options: pytest.fail("probed"))
+    monkeypatch.setattr(documented, "_probe", lambda _options: pytest.fail("probed"))
     Ipopt()
 
 
@@ -136,9 +136,14 @@ def test_every_default_is_an_option_that_ipopt_takes() -> None:
 
 
 def test_an_option_that_fails_only_at_the_solve_is_named() -> None:
-    point = Ipopt({"linear_solver": "ma57", "hsllib": "no-such-library.so"})(rosenbrock, at(0, 0))
+    point = Ipopt({"nlp_scaling_method": "user-scaling"})(rosenbrock, at(0, 0))
     assert point.stop is Stop.FAILED
-    assert "linear_solver=ma57" in point.message
+    assert "nlp_scaling_method=user-scaling" in point.message
+
+
+def test_a_linear_solver_that_does_not_work_here_is_refused_with_those_that_do() -> None:
+    with pytest.raises(MethodError, match=r"no-such-library\.so: it cannot be loaded .*work here: .*mumps"):
+        Ipopt({"linear_solver": "ma57", "hsllib": "no-such-library.so"})
 
 
 # -- stopping

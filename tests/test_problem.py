@@ -96,7 +96,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "swapped roles": ({"dynamics": {x: y, v: 1}}, "dynamics: 'v' is a control; a state goes here"),
     "start of a control": ({"start": {v: 0}}, "start: 'v' is a control; a state goes here"),
     "law of a state": ({"singular": {x: 0}}, "singular: 'x' is a state; a control goes here"),
-    "expression as key": ({"end": {x + y: 0}}, "end: '(x+y)' is no symbol (it is a SX)"),
+    "expression as key": ({"end": {x + y: 0}}, "end: '(x+y)' is no symbol (it is an SX)"),
     "string as key": ({"start": {"x": 0}}, "start: 'x' is no symbol (it is a str)"),
     "undeclared key": ({"bounds": {v: (-1, 1), casadi.SX.sym("q"): (0, 1)}}, "bounds: 'q' is not declared"),
     "time bounded": ({"bounds": {v: (-1, 1), final_time: (1, 2)}}, "bounds: 'tf' has its own entry; write final_time="),

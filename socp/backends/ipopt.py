@@ -1,24 +1,19 @@
 """Ipopt through casadi: sparse, exact Hessian, a trace of every iteration, a clean stop on Ctrl-C."""
 
-import difflib
-import html
-import math
-import re
 import signal
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cache
-from io import StringIO
 from types import FrameType
 from typing import Any, final
 
 import casadi
 import numpy as np
 
-from socp.errors import MethodError, SolveError
+from socp.backends import documented
+from socp.errors import SolveError
 from socp.nlp import NLP, NLPPoint, Progress, Watch, silent
 from socp.solution import Stop
 
@@ -45,8 +40,6 @@ _TRACED = {
     "alpha_pr": "alpha_pr", "alpha_du": "alpha_du",
 }  # fmt: skip
 
-_PRINTING = {"options_documentation": "yes", "options_mode": "doxygen", "advanced_options": "yes"}
-
 
 @final
 @dataclass(frozen=True)
@@ -59,8 +52,7 @@ class Ipopt:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name, value in self.options.items():
-            _check(name, value)
+        documented.check(self.options)
 
     def __call__(self, nlp: NLP, guess: NLPPoint, watch: Watch = silent) -> NLPPoint:
         """Solve from a guess, warm where it carries multipliers.
@@ -198,52 +190,3 @@ def _sigint(observer: _Observer) -> Iterator[None]:
 
 def _last_line(error: Exception) -> str:
     return str(error).strip().splitlines()[-1].rsplit(": ", 1)[-1]
-
-
-@cache
-def _documented() -> Mapping[str, str]:
-    """Return Ipopt's own options: name -> documentation, as this build of Ipopt prints them."""
-    text = StringIO()
-    with redirect_stdout(text):  # of its formats this one alone tells integers from reals
-        _probe({f"print_{what}": how for what, how in _PRINTING.items()})(x0=1.0)
-    powers = text.getvalue().replace("10<sup>", "1e").replace("</sup>", "")
-    plain = html.unescape(re.sub(r"</?(strong|blockquote)>", "", powers)).replace("\u2264", "<=")
-    found = re.split(r"^\\anchor OPT_(\w+)$", plain, flags=re.MULTILINE)
-    return dict(zip(found[1::2], found[2::2], strict=True))
-
-
-def _probe(options: Mapping[str, Any]) -> casadi.Function:
-    v = casadi.SX.sym("v")
-    settings = {f"ipopt.{name}": value for name, value in {"sb": "yes", "option_file_name": "", **options}.items()}
-    return casadi.nlpsol("probe", "ipopt", {"x": v, "f": v**2}, {"print_time": False, **settings})
-
-
-def _check(name: str, value: Any) -> None:
-    """Raise MethodError for an option that Ipopt does not have, or a value that it does not take."""
-    try:
-        with redirect_stdout(StringIO()):  # Ipopt explains itself there, at length
-            _probe({"print_level": 0, name: value if _plain(name, value) else [value]})
-    except (RuntimeError, NotImplementedError):
-        if name not in _documented():
-            close = difflib.get_close_matches(str(name), _documented(), n=1)
-            hint = f"; did you mean '{close[0]}'?" if close else ""
-            raise MethodError(f"ipopt has no option '{name}'{hint}") from None
-        raise MethodError(f"ipopt.{name}: {value!r} is not allowed; {_allowed(name)}") from None
-
-
-def _plain(name: str, value: Any) -> bool:
-    """Tell whether a value is of a kind that arrives: casadi cuts fractions off and passes None on as nothing."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        return False
-    if isinstance(value, str) or float(value).is_integer():
-        return True
-    return math.isfinite(value) and "this integer option" not in _documented().get(name, "")
-
-
-def _allowed(name: str) -> str:
-    """Return the values that an option takes: `monotone, adaptive`, or `0 < tol and its default value is 10-08`."""
-    words = re.findall(r"^ - (\S+):", _documented()[name], flags=re.MULTILINE)
-    if words:
-        return f"allowed: {', '.join(words)}"
-    sentence = re.search(r"valid range for this (\w+) option is (.*?)\.?$", _documented()[name], flags=re.MULTILINE)
-    return f"allowed: {sentence[1]}, {sentence[2]}" if sentence else "see Ipopt's documentation"

@@ -1,5 +1,7 @@
 """The command line: a thin door to the library."""
 
+import atexit
+import contextlib
 import os
 import sys
 from collections.abc import Sequence
@@ -18,7 +20,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             from socp.cli.app import run
 
-            return run(arguments)
+            code = run(arguments)
         except KeyboardInterrupt:
             sys.stderr.write("interrupted\n")
-            return 130
+            code = 130
+    if arguments is None:
+        _end(code)
+    return code
+
+
+def _end(code: int) -> None:
+    """End the process at once where threads of a problem file would keep it: what they do is not the command's."""
+    executing = sys.modules.get("socp.cli.executing")
+    if executing is None or not executing.threads():
+        return
+    atexit._run_exitfuncs()  # noqa: SLF001 - files that are open get flushed; there is no public way
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            stream.flush()
+    os._exit(code)

@@ -27,11 +27,12 @@ from socp.cli.streams import Streams, kept_apart, parsing, parted
 from socp.cli.surveying import census, frontier
 from socp.errors import MethodError, ProblemError, SocpError
 from socp.registry import PluginError
+from socp.telling import said
 
 EPILOG = """\b
 Exit codes:
-  0    solved: the solver met its tolerances; check: certified as an extremal
-  1    ran, but found no acceptable solution (the result is still written); check: not certified
+  0    an answer: certified, or a feasible point that meets the solver's tolerances; check: certified
+  1    ran, but no answer: infeasible, at a limit or failed (the result is written); check: not certified
   2    usage: an unknown command, method or option, or a value not allowed
   3    the problem, or the plugin of the method, could not be loaded
   4    internal error
@@ -65,8 +66,19 @@ def socp(context: click.Context, debug: bool, without: tuple[str, ...]) -> int:
 
 
 for _command in (
-    solve, check, compare, census, frontier, export, plot, record,
-    view, describe, list_, methods, plugins,
+    solve,
+    check,
+    compare,
+    census,
+    frontier,
+    export,
+    plot,
+    record,
+    view,
+    describe,
+    list_,
+    methods,
+    plugins,
 ):
     socp.add_command(kept_apart(_command))
 kept_apart(plugins_list)
@@ -93,7 +105,7 @@ def _ran(session: Session, given: Sequence[str]) -> int:
         return Exit.INTERNAL
     except (click.ClickException, SocpError) as error:
         return _expected(error, session)
-    except Exception as error:  # noqa: BLE001 - a bug is one line and a hint, not a traceback
+    except BaseException as error:  # noqa: BLE001 - a bug is one line and a hint, not a traceback
         if pressed:  # what Ctrl-C breaks off while a package is imported fails in some other way later
             _say("interrupted; nothing was written", session)
             return Exit.INTERRUPTED
@@ -125,8 +137,8 @@ def _expected(error: click.ClickException | SocpError, session: Session) -> int:
     return Exit.USAGE if isinstance(error, (click.ClickException, MethodError)) else Exit.UNSOLVED
 
 
-def _internal(error: Exception, session: Session, given: Sequence[str]) -> int:
-    _say(f"internal error: {type(error).__name__}: {' '.join(str(error).split())}", session, error)
+def _internal(error: BaseException, session: Session, given: Sequence[str]) -> int:
+    _say(f"internal error: {type(error).__name__}: {said(error)}", session, error)
     if not session.debug:
         hint = f"this is a bug; see where with: socp --debug {shlex.join(given)}"
         messages().print(hint, markup=False, soft_wrap=True)

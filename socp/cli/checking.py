@@ -10,6 +10,7 @@ from rich.text import Text
 from socp.cli.loading import load_guess, load_problem
 from socp.cli.session import Exit, Session, heading, show, write_json
 from socp.errors import ProblemError
+from socp.telling import short
 
 if TYPE_CHECKING:
     from socp.verdict import Verdict
@@ -32,10 +33,10 @@ def check(session: Session, /, result: str, problem: str | None, as_json: bool) 
     from socp.solution import Solution
 
     registry = session.registry()
-    name = Solution.load(result).problem
-    if problem is None and name not in registry.entries:  # a name is no path: a result runs no file by itself
-        raise ProblemError(f"{result}: its problem '{name}' is not registered; give --problem FILE")
-    found = load_problem(problem, registry) if problem else registry.problem(name)
+    name = problem or Solution.load(result).problem
+    if problem is None and name not in registry.entries:
+        raise ProblemError(f"{result}: its problem '{short(name)}' is not registered; give its file: --problem FILE")
+    found = load_problem(name, registry)
     solution = judge(found, load_guess(result, found))
     verdict = solution.verdict
     if verdict is None:

@@ -16,7 +16,7 @@ from socp.cli.options import build, shared
 from socp.cli.progress import progress
 from socp.cli.recording import record_option, recording, told
 from socp.cli.session import Exit, Session, messages, results, show, write_json
-from socp.cli.show import facts, signed, small, switching, times, variations, worst
+from socp.cli.show import facts, signed, small, switching, times, to_reference, variations, worst
 from socp.errors import SocpError
 from socp.printable import one_line
 
@@ -57,7 +57,8 @@ def compare(session: Session, /, problem: str, names: tuple[str, ...], given: tu
     """Solve a problem with several methods, each from the default guess, and print one table; no result is written.
 
     Errors are to the best objective: the lowest of those that re-integration finds feasible to 1e-6 (relative), or else
-    that of the most feasible solution.
+    that of the most feasible solution. Exit code 0 if every method's solver met its tolerances, 1 if one did not; how
+    feasible each is stands in the table.
     """
     session.quiet = quiet = how["quiet"]
     registry = session.registry()
@@ -106,8 +107,10 @@ def _solved(problem: "Problem", method: "Method", recorder: "Guarded", *, quiet:
 def _record(problem: "Problem", row: Row, best: float) -> dict[str, Any]:
     if row.solution is None:
         return {"method": row.method, "solved": False, "error": row.error}
-    more = {"to_best": row.solution.objective - best, "feasibility": worst(row.solution)}
-    return {**facts(problem, row.solution), **more}
+    objective = row.solution.objective
+    known = {"objective": objective, "word": row.solution.word, "reference": to_reference(problem, row.solution)}
+    more = {"to_best": objective - best, "feasibility": worst(row.solution)}
+    return {**facts(problem, row.solution), **known, **more}
 
 
 def _fitting(console: Console, problem: "Problem", rows: list[Row], best: float) -> Table:

@@ -8,7 +8,7 @@ from typing import Literal, final
 import click
 
 from socp.cli.loading import load_problem, load_result
-from socp.cli.session import Exit, Session
+from socp.cli.session import Exit, Session, writable
 from socp.entries import suggest
 from socp.errors import MethodError
 
@@ -70,13 +70,16 @@ FORMATS: Mapping[str, Format] = {
 }
 
 
+_COUNT = click.IntRange(max=100)  # files of more arcs or points no solver reads in any useful time
+
+
 @click.command(short_help="Write a saved result, or a problem, in the format of another program.")
 @click.argument("source", metavar="SOURCE")
 @click.option("--format", metavar="|".join(FORMATS), help="Format.  [default: by the ending of the file]")
 @click.option("-o", "--out", metavar="FILE", help="File.  [default: SOURCE with the ending of the format]")
 @click.option("--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: the name in the result]")
-@click.option("--switches", type=int, default=4, show_default=True, help="Most switches of a problem's programme.")
-@click.option("--points", type=int, default=8, show_default=True, help="Its collocation points an arc.")
+@click.option("--switches", type=_COUNT, default=4, show_default=True, help="Most switches of a problem's programme.")
+@click.option("--points", type=_COUNT, default=8, show_default=True, help="Its collocation points an arc.")
 @click.pass_obj
 def export(session: Session, /, **given: str | None) -> int:
     """Write the values of a saved result, bit for bit, as CSV, NetCDF, MAT or Parquet file.
@@ -88,7 +91,7 @@ def export(session: Session, /, **given: str | None) -> int:
     """
     asked = Asked(**given)  # type: ignore[arg-type]  # click gives every name, the argument always
     chosen = FORMATS[_chosen(asked)]
-    path = Path(asked.out) if asked.out else Path(stem(asked.source) + chosen.ending)
+    path = writable(Path(asked.out) if asked.out else Path(stem(asked.source) + chosen.ending), "-o")
     _check_source(asked, chosen)
     chosen.write(session, asked, path)
     session.tell(path)

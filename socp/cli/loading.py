@@ -1,17 +1,16 @@
 """Problems by path, by `path.py:name` or by registered name."""
 
 import linecache
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from importlib.util import decode_source
+import os
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from socp.cli.executing import compiled, execute
 from socp.entries import line_of, reason, suggest
 from socp.errors import ProblemError, SolveError
-from socp.registry import Registry, as_problem
+from socp.registry import Registry
+from socp.telling import a, said, short
 
 if TYPE_CHECKING:
     from socp.problem import Problem
@@ -28,30 +27,27 @@ def load_problem(given: str, registry: Registry) -> "Problem":
         return load_file(Path(path), name)
     if given in registry.entries:
         return registry.problem(given)
-    if given.endswith(".py") or Path(given).exists() or len(Path(given).parts) > 1:
+    if not given.strip():
+        raise ProblemError("an empty name where a problem is needed; give a problem file or a name, see 'socp list'")
+    if given.endswith(".py") or os.path.exists(given) or len(Path(given).parts) > 1:  # noqa: PTH110 - as below
         return load_file(Path(given))
     return registry.problem(given)
 
 
 def load_file(path: Path, name: str = "problem") -> "Problem":
     """Run a problem file and return the problem that it defines under a name."""
-    if path.is_dir():
-        raise ProblemError(f"{path} is a directory; give a problem file inside it")
-    if path.suffix == ".json" and path.exists():
+    if path.suffix == ".json" and os.path.exists(path):  # noqa: PTH110 - Path.exists raises for a name too long
         raise ProblemError(f"{path} is no problem file; to start from a result, give --guess {path}")
-    try:
-        source = decode_source(path.read_bytes())
-    except OSError as error:
-        raise ProblemError(f"{path}: {error.strerror or error}{_neighbours(path)}") from error
-    except (SyntaxError, UnicodeDecodeError) as error:
-        raise ProblemError(f"{path}: not a Python file: {reason(error)}") from error
     module = ModuleType(f"socp_problem_{path.stem}")
     module.__file__ = str(path)
     try:
-        code = compile(source, str(path), "exec")
-        with _as_script(module, path.parent):
-            exec(code, vars(module))  # noqa: S102 - a problem file is a program of the user's
-    except (Exception, SystemExit) as error:
+        code = compiled(path)
+        execute(code, module, path.parent)
+    except (ProblemError, KeyboardInterrupt) as error:
+        if isinstance(error, KeyboardInterrupt) or line_of(error, str(path)) is None:
+            raise
+        raise ProblemError(_located(path, error)) from error
+    except BaseException as error:
         raise ProblemError(_located(path, error)) from error
     return _pick(module, path, name)
 
@@ -95,40 +91,40 @@ def load_result(path: str, given: str | None, registry: Registry) -> "tuple[Solu
 def _pick(module: ModuleType, path: Path, name: str) -> "Problem":
     from socp.problem import Problem
 
-    if hasattr(module, name):
-        return as_problem(getattr(module, name), f"{path}: '{name}'")
     found = [key for key, value in vars(module).items() if isinstance(value, Problem)]
+    if name in vars(module):
+        value = vars(module)[name]
+        if isinstance(value, Problem):
+            return value
+        raise ProblemError(f"{path}: '{name}' is {a(value)}, not a Problem; {_instead(value, name, path, found)}")
     if name == "problem":
         hint = f"write {path}:{found[0]}" if found else "assign one: problem = Problem(...)"
         there = f" (it has {', '.join(found)})" if found else ""
         raise ProblemError(f"{path}: defines no 'problem'{there}; {hint}")
-    raise ProblemError(f"{path}: defines no '{name}'{suggest(name, found)}")
+    raise ProblemError(f"{path}: defines no '{short(name)}'{suggest(name, found)}")
+
+
+def _instead(value: Any, name: str, path: Path, found: list[str]) -> str:
+    """Return what to write where a name stands for something else than a problem."""
+    from socp.problem import Problem
+
+    if isinstance(value, (list, tuple, set, dict)) and len(value) > 0:
+        inside = value.values() if isinstance(value, dict) else value
+        if all(isinstance(each, Problem) for each in inside):
+            return f"give each a name of its own, such as first = ..., and write {path}:first"
+    if found:
+        return f"write {path}:{found[0]}"
+    if callable(value):
+        return f"if it makes one, call it in the file and assign what it returns to {name}"
+    return "assign one: problem = Problem(...)"
 
 
 def _located(path: Path, error: BaseException) -> str:
     """Return the message of an error in a problem file, with the line of the file, and that line itself."""
     line = line_of(error, str(path))
-    text = f"the file calls exit({error})" if isinstance(error, SystemExit) else reason(error)
+    text = f"the file calls exit({said(error)})" if isinstance(error, SystemExit) else reason(error)
     if line is None:
         return f"{path}: {text}"
     linecache.checkcache(str(path))
-    shown = linecache.getline(str(path), line).strip()
+    shown = short(linecache.getline(str(path), line))
     return f"{path}, line {line}: {text}" + (f"\n  {line} | {shown}" if shown else "")
-
-
-def _neighbours(path: Path) -> str:
-    """Suggest the problem files beside a path that does not exist."""
-    there = sorted(each.name for each in path.parent.glob("*.py")) if path.parent.is_dir() else []
-    return suggest(path.name, there).replace("there", f"in {path.parent} there") if there else ""
-
-
-@contextmanager
-def _as_script(module: ModuleType, folder: Path) -> Iterator[None]:
-    """Let a file import its neighbours, and dataclasses in it find their module, as when Python runs it."""
-    sys.modules[module.__name__] = module
-    sys.path.insert(0, str(folder.resolve()))
-    try:
-        yield
-    finally:
-        sys.path.remove(str(folder.resolve()))
-        del sys.modules[module.__name__]

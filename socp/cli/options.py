@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, get_args, get_type_hints
 
 from socp.entries import suggest
 from socp.errors import MethodError
+from socp.telling import short
 
 if TYPE_CHECKING:
     from socp.method import Method
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
 DEFAULT_METHOD = "auto"
 
 _TRUTH = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}
-_WANTED = {int: "a whole number", float: "a number", bool: "true or false"}
 
 
 def pairs(given: Iterable[str]) -> list[tuple[str, str]]:
@@ -23,7 +23,7 @@ def pairs(given: Iterable[str]) -> list[tuple[str, str]]:
     for text in given:
         key, equals, value = text.partition("=")
         if not equals or not key.strip():
-            raise MethodError(f"-o {text}: write KEY=VALUE, such as -o steps=400")
+            raise MethodError(f"-o {short(text)}: write KEY=VALUE, such as -o steps=400")
         found.append((key.strip(), value.strip()))
     return found
 
@@ -120,17 +120,19 @@ def _number(text: str) -> int | float | str:
 
 def _convert(place: str, hint: Any, text: str) -> Any:
     """Return a text as the type of an option: int, float, bool, str, or one of these or None."""
+    from socp.method import WANTED
+
     kinds = get_args(hint) or (hint,)
     if NoneType in kinds and text.lower() == "none":
         return None
     kind = next((kind for kind in kinds if kind is not NoneType), str)
     if kind is str:
         return text
-    if kind not in _WANTED:
+    if kind not in WANTED:
         raise MethodError(f"{place}: cannot be set as a whole; set its own options, such as -o ipopt.tol=1e-10")
     try:
         if kind is int and "." not in text and "e" in text.lower() and float(text).is_integer():
             return int(float(text))  # 1e4 steps
         return _TRUTH[text.lower()] if kind is bool else kind(text)
     except (ValueError, KeyError, OverflowError):
-        raise MethodError(f"{place}='{text}', but it should be {_WANTED[kind]}") from None
+        raise MethodError(f"{place}='{short(text)}', but it should be {WANTED[kind]}") from None

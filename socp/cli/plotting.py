@@ -1,5 +1,6 @@
 """`socp plot`: a figure of a saved result."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
@@ -8,7 +9,7 @@ import click
 
 from socp.cli.exporting import stem
 from socp.cli.loading import load_result
-from socp.cli.session import Exit, Session
+from socp.cli.session import Exit, Session, writable
 from socp.errors import MethodError
 
 
@@ -43,7 +44,9 @@ def plot(session: Session, /, **given: Any) -> int:
     from socp.solution import write_atomic
 
     asked = Asked(**given)
-    path = Path(asked.out or f"{stem(asked.result)}.svg")
+    if math.isnan(asked.width):
+        raise MethodError("--width nan: it must be a number of inches from 2 to 30")
+    path = writable(Path(asked.out or f"{stem(asked.result)}.svg"), "-o")
     ending = path.suffix.removeprefix(".").lower()
     if ending not in figures.ENDINGS:
         endings = ", ".join(f".{each}" for each in figures.ENDINGS)

@@ -1,5 +1,6 @@
 """What the commands share: the two consoles, the options given before the command, and its exit codes."""
 
+import contextlib
 import json
 import math
 import os
@@ -18,7 +19,9 @@ from socp.cli.streams import current, say
 from socp.errors import MethodError
 from socp.printable import file_stem, one_line, printable
 from socp.registry import Registry
+from socp.telling import short
 
+_TEMPORARY = ".12345678.part"  # what a file's name is followed by while it is written
 _PIPED = 200  # columns of what is not read on a terminal
 
 
@@ -80,9 +83,11 @@ def writable(path: Path, option: str = "--out", *, replaced: bool = True) -> Pat
     """
     folder = path.parent
     try:
+        _nameable(path)
         there, regular, directory = path.exists(), path.is_file(), path.is_dir()
-    except OSError as error:
-        raise MethodError(f"{option} {path}: {error.strerror or error}; name another file") from error
+    except (OSError, ValueError) as error:
+        text = error.strerror or error if isinstance(error, OSError) else error
+        raise MethodError(f"{option} {short(str(path))}: {text}; give another name") from error
     if directory:
         raise MethodError(f"{option} {path}: is a directory; name a file in it")
     if replaced and there and not regular:
@@ -97,6 +102,12 @@ def writable(path: Path, option: str = "--out", *, replaced: bool = True) -> Pat
 def named_after(problem: str, ending: str) -> Path:
     """Return the path of a file in the current folder that is named after a problem."""
     return Path(f"{file_stem(problem)}{ending}")
+
+
+def _nameable(path: Path) -> None:
+    """Raise what the system raises for a name that it does not take, such as one too long."""
+    with contextlib.suppress(FileNotFoundError, NotADirectoryError, PermissionError):
+        path.with_name(path.name + _TEMPORARY).lstat()
 
 
 def results() -> Console:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 from rich.text import Text
 
+from socp.cli import outcome
 from socp.cli.checking import lines, plain
 from socp.errors import MethodError
 
@@ -22,14 +23,18 @@ def facts(problem: "Problem", solution: "Solution") -> dict[str, Any]:
     """Return what a solution says, without the values at its nodes."""
     return {
         "problem": problem.name, "title": problem.title, "method": solution.method, "options": solution.options,
-        "solved": solution.stop.ok, "stop": solution.stop.name, "message": solution.message,
-        "objective": solution.objective, "initial_time": solution.initial_time, "final_time": solution.final_time,
+        "outcome": outcome.outcome(solution).name, "solved": outcome.outcome(solution).answer,
+        "stop": solution.stop.name, "message": solution.message,
+        "objective": None if outcome.infeasible(solution) else solution.objective, "value": solution.objective,
+        "initial_time": solution.initial_time, "final_time": solution.final_time,
         "parameters": solution.parameters, "nodes": int(solution.t.size),
-        "word": solution.word, "switches": solution.switches, "structure": solution.structure,
+        "word": None if outcome.infeasible(solution) else solution.word, "switches": solution.switches,
+        "structure": solution.structure,
         "total_variation": variations(solution),
         "verified": [{**asdict(each), "worst": each.worst} for each in solution.verified],
         "verdict": None if solution.verdict is None else plain(solution.verdict),
-        "iterations": solution.iterations, "seconds": solution.seconds, "reference": to_reference(problem, solution),
+        "iterations": solution.iterations, "seconds": solution.seconds,
+        "reference": None if outcome.infeasible(solution) else to_reference(problem, solution),
     }  # fmt: skip
 
 
@@ -84,23 +89,28 @@ def report(problem: "Problem", solution: "Solution", path: str) -> Table:
     grid = Table.grid(padding=(0, 2, 0, 0))
     grid.add_column(style="bold", no_wrap=True)
     grid.add_column(overflow="fold")
-    seconds = solution.seconds
+    seconds, came_to = solution.seconds, outcome.outcome(solution)
     grid.add_row("method", Text(_method(solution)))
-    grid.add_row("objective", f"{solution.objective:.12g}")
-    if solution.initial_time:
+    grid.add_row("outcome", Text(came_to.value, "green" if came_to.answer else "red"))
+    grid.add_row("objective", outcome.objective(solution))
+    if outcome.initial_time(solution):
         grid.add_row("initial time", f"{solution.initial_time:.12g}")
-    grid.add_row("final time", f"{solution.final_time:.12g}")
+    grid.add_row("final time", outcome.final_time(problem, solution))
     for name, value in solution.parameters.items():
         grid.add_row("parameter", f"{name} = {value:.12g}")
-    _labelled(grid, "word", (f"{name}: {_modes(row)}" for name, row in solution.structure.items()))
-    _labelled(grid, "switches", (f"{name}: {times(each)}" for name, each in switching(solution).items()))
+    if outcome.infeasible(solution):
+        grid.add_row("word", "none: the point is infeasible")
+    else:
+        _labelled(grid, "word", (f"{name}: {_modes(row)}" for name, row in solution.structure.items()))
+        _labelled(grid, "switches", (f"{name}: {times(each)}" for name, each in switching(solution).items()))
     _labelled(grid, "digits", agreed(solution))
     grid.add_row("stop", Text(f"{solution.stop.value}", "green" if solution.stop.ok else "red"))
     if solution.message:
         grid.add_row("", Text(solution.message))
     _labelled(grid, "feasibility", (sentence(each) for each in solution.verified))
     _labelled(grid, "verdict", [] if solution.verdict is None else lines(solution.verdict))
-    _labelled(grid, "reference", _reference(to_reference(problem, solution)))
+    if not outcome.infeasible(solution):
+        _labelled(grid, "reference", _reference(to_reference(problem, solution)))
     grid.add_row("iterations", str(solution.iterations))
     parts = " + ".join(f"{name} {value:.2f}" for name, value in seconds.items())
     grid.add_row("seconds", f"{sum(seconds.values()):.2f} ({parts})")

@@ -8,6 +8,7 @@ import click
 
 from socp.cli.loading import load_guess, load_problem
 from socp.cli.options import DEFAULT_METHOD, build, pairs
+from socp.cli.outcome import outcome
 from socp.cli.progress import progress
 from socp.cli.recording import live_option, record_option, recording, told
 from socp.cli.session import Exit, Session, heading, messages, named_after, show, writable, write_json
@@ -33,6 +34,7 @@ class Asked:
     out: str | None
     record: str | None
     live: bool
+    strict: bool
     as_json: bool
     quiet: bool
 
@@ -50,6 +52,7 @@ class Asked:
 @click.option("--max-switches", type=int, metavar="N", help="The same as -o max_switches=N: where a control chatters.")
 @click.option("--guess", metavar="FILE", help="Start from a saved result.")
 @click.option("--out", metavar="FILE", help="Result file.  [default: PROBLEM.socp.json]")
+@click.option("--strict", is_flag=True, help="Exit code 1 unless the result is certified as an extremal.")
 @record_option
 @live_option
 @click.option("--json", "as_json", is_flag=True, help="Write the report as JSON.")
@@ -59,6 +62,10 @@ def solve(session: Session, /, **given: Any) -> int:
     """Solve a problem, given as a path, as path.py:name or as a registered name.
 
     The report goes to standard output, progress and messages to standard error, the whole solution to the result file.
+
+    Exit code 0 if there is an answer: a certified extremal, or a feasible point at which the solver met its tolerances;
+    the report's outcome says which. With --strict a certified extremal only. Exit code 1 if the solver reached its
+    limit, failed, or ended at a point that misses the problem's conditions; the result is written all the same.
     """
     from socp.chain import run
     from socp.guess import default_guess
@@ -86,7 +93,7 @@ def solve(session: Session, /, **given: Any) -> int:
     if solution.stop.name == "INTERRUPTED":
         session.note(f"interrupted: the last iterate is in {path}")
         return Exit.INTERRUPTED
-    return Exit.SOLVED if solution.stop.ok else Exit.UNSOLVED
+    return outcome(solution).code(strict=asked.strict)
 
 
 def _show(problem: "Problem", solution: "Solution", path: Path, *, as_json: bool) -> None:

@@ -38,8 +38,8 @@ class Named:
 
 @click.command(short_help="Find a problem's extremals from many starts, print a table.")
 @click.argument("problem", metavar="FILE_OR_NAME")
-@click.option("--starts", default=20, show_default=True, type=click.IntRange(min=1), help="Number of starts.")
-@click.option("-j", "--jobs", default=1, show_default=True, type=click.IntRange(min=1), help="Worker processes.")
+@click.option("--starts", default=20, show_default=True, type=click.IntRange(1, 10_000), help="Number of starts.")
+@click.option("-j", "--jobs", default=1, show_default=True, type=click.IntRange(1, 1024), help="Worker processes.")
 @click.option("--out", metavar="FILE", help="Result file of the best one.  [default: PROBLEM.socp.json]")
 @click.option("--json", "as_json", is_flag=True, help="Write the table as JSON.")
 @click.option("--quiet", is_flag=True, help="Write no progress and no messages.")
@@ -52,10 +52,12 @@ def census(session: Session, /, **given: Any) -> int:
     """
     from socp.census import recipe, survey
     from socp.chain import versions
+    from socp.checks import useful
     from socp.kept import Kept, fingerprint
 
     session.quiet, starts = given["quiet"], given["starts"]
     posed = load_problem(given["problem"], session.registry(plugins=False))
+    useful(posed)
     path = writable(Path(given["out"]) if given["out"] else named_after(posed.name, ".socp.json"))
     kept = Kept(path.parent / named_after(posed.name, ".census"), fingerprint(posed, recipe()))
     with progress(messages(), f"{posed.name}, census", quiet=session.quiet) as watch:
@@ -144,7 +146,7 @@ def _cells(solution: "Solution", starts: int) -> Mapping[str, str]:
 
 @click.command(short_help="Find the best objective for every number of switches, print a table.")
 @click.argument("problem", metavar="FILE_OR_NAME")
-@click.option("--max-switches", "most", required=True, type=click.IntRange(min=0), help="Largest number of switches.")
+@click.option("--max-switches", "most", required=True, type=click.IntRange(0, 100), help="Largest number of switches.")
 @click.option("--dwell", default=0.0, show_default=True, type=click.FloatRange(min=0.0),
               help="Least time between two switches, and from the ends.")  # fmt: skip
 @click.option("--out", metavar="FILE", help="Result file of the best one.  [default: PROBLEM.socp.json]")
@@ -158,10 +160,12 @@ def frontier(session: Session, /, **given: Any) -> int:
     """
     from socp.census import explore
     from socp.chain import versions
+    from socp.checks import useful
     from socp.frontier import frontier as search
 
     session.quiet = given["quiet"]
     posed = load_problem(given["problem"], session.registry(plugins=False))
+    useful(posed)
     path = writable(Path(given["out"]) if given["out"] else named_after(posed.name, ".socp.json"))
     most, dwell = given["most"], given["dwell"]
     with progress(messages(), f"{posed.name}, frontier", quiet=session.quiet) as watch:
