@@ -13,6 +13,7 @@ from socp.chain import judge, versions
 from socp.collocate import Mesh, uniform
 from socp.errors import MethodError, SolveError
 from socp.extremals import Census, Outcome, residual
+from socp.interruption import breakable, give_way, held
 from socp.kept import Kept
 from socp.method import solve_collocated
 from socp.nlp import Progress, Watch, silent
@@ -156,17 +157,28 @@ def survey(
             tally.add(number, outcome)
     todo = [number for number in range(starts) if number not in tally.outcomes]
     running = _running(problem, todo, silent if watch is silent else tally.see, workers)
-    try:
-        for number, outcome in running:
+    with held():  # what is finished is counted and kept whole
+        try:
+            with breakable():
+                stopped = _counted(running, tally, kept)
+        except KeyboardInterrupt:
+            stopped = True
+        finally:
+            running.close()
+    return tally.census(interrupted=stopped)
+
+
+def _counted(running: Iterator[tuple[int, Outcome | None]], tally: Tally, kept: Kept | None) -> bool:
+    """Count and keep starts as they are finished; returns whether that was stopped."""
+    for number, outcome in running:
+        with held():
             if kept is not None and outcome is not None:
                 kept.write(outcome)
-            if tally.add(number, outcome):
-                return tally.census(interrupted=True)
-    except KeyboardInterrupt:
-        return tally.census(interrupted=True)
-    finally:
-        running.close()
-    return tally.census()
+            stopped = tally.add(number, outcome)
+        if stopped:
+            return True
+        give_way()
+    return False
 
 
 def _running(

@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 ORDER = """
-    errors extras symbols walk enclosure word schemes tables arc affinity ranges scene traces tabular style panels
+    errors interruption calls extras symbols walk enclosure word schemes tables arc affinity ranges scene traces tabular style panels
     layout figures formula statement notebook verdict records results solution checks problem recording points
     brackets factors extremal singular eliminate contacts principle laws simplify given lawbook modes words
     phases binary kinks nlp lifting collocate reach modelling template disjunctive backends structure misses

@@ -1,31 +1,29 @@
 """The command `socp`: its options, its commands, and what becomes of errors."""
 
-import os
 import shlex
-import signal
 import sys
-import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from types import FrameType
 from typing import Any
 
 import click
 from rich.text import Text
 
+from socp import interruption
 from socp.cli.checking import check
 from socp.cli.comparing import compare
 from socp.cli.describing import describe
 from socp.cli.exporting import export
 from socp.cli.listing import list_, methods, plugins
+from socp.cli.machine import abandon_output, lacking, roomy
 from socp.cli.plotting import plot
 from socp.cli.recording import record, view
 from socp.cli.session import Exit, Session, messages
 from socp.cli.solving import solve
 from socp.cli.surveying import census, frontier
-from socp.errors import MethodError, ProblemError, SocpError
+from socp.errors import ContractError, KeepingError, MethodError, ProblemError, SocpError
 from socp.registry import PluginError
 
 EPILOG = """\b
@@ -33,9 +31,11 @@ Exit codes:
   0    solved: the solver met its tolerances; check: certified as an extremal
   1    ran, but found no acceptable solution (the result is still written); check: not certified
   2    usage: an unknown command, method or option, or a value not allowed
-  3    the problem, or the plugin of the method, could not be loaded
+  3    the problem, or the plugin of the method, could not be loaded, or the plugin failed
   4    internal error
-  130  interrupted; a solve that had begun writes its last iterate
+  5    the disk or the memory gave out; the message says what is kept, and where
+  130  interrupted by Ctrl-C; a solve that had begun writes its last iterate
+  143  the same after SIGTERM, 129 after SIGHUP
 
 \b
 Examples:
@@ -72,41 +72,60 @@ for _command in (
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code; every error becomes a message."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    session, pressed = Session(debug="--debug" in given), list[int]()
+    with interruption.listening():
+        code = _run(list(sys.argv[1:] if arguments is None else arguments))
+        with interruption.held():
+            asked = interruption.heard()
+            return 128 + asked if asked and code != Exit.LACKING else code
+
+
+def _run(given: list[str]) -> int:
+    session = Session(debug="--debug" in given)
     try:
-        with _one_line_warnings(session.warn), _noted(pressed):
+        roomy()
+        with _one_line_warnings(session.warn):
             code = socp.main(args=given, prog_name="socp", obj=session, standalone_mode=False)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.exceptions.Abort):
-        _say("interrupted; nothing was written", session)
-        return Exit.INTERRUPTED
+        return _interrupted(session)
     except SystemExit:  # click's answer to a reader that has gone
         return Exit.CLOSED
     except (click.ClickException, SocpError) as error:
         return _expected(error, session)
     except Exception as error:  # noqa: BLE001 - a bug is one line and a hint, not a traceback
-        if pressed:  # what Ctrl-C breaks off while a package is imported fails in some other way later
-            _say("interrupted; nothing was written", session)
-            return Exit.INTERRUPTED
+        if interruption.heard():  # what Ctrl-C breaks off while a package is imported fails in some other way later
+            return _interrupted(session)
         return _internal(error, session, given)
     return code if isinstance(code, int) else Exit.SOLVED
+
+
+def _interrupted(session: Session) -> int:
+    with interruption.held():
+        _say("interrupted; nothing was written", session)
+    return Exit.INTERRUPTED
 
 
 def _expected(error: click.ClickException | SocpError, session: Session) -> int:
     text = error.format_message() if isinstance(error, click.ClickException) else str(error)
     _say(text, session, error)
+    _flushed()
     if isinstance(error, click.UsageError) and error.ctx is not None:
         messages().print(f"see '{error.ctx.command_path} --help'", markup=False)
-    if isinstance(error, (ProblemError, PluginError)):
+    if isinstance(error, (ProblemError, PluginError, ContractError)):
         return Exit.LOADING
+    if isinstance(error, KeepingError) or lacking(error):
+        return Exit.LACKING
     return Exit.USAGE if isinstance(error, (click.ClickException, MethodError)) else Exit.UNSOLVED
 
 
 def _internal(error: Exception, session: Session, given: Sequence[str]) -> int:
-    if isinstance(error, BrokenPipeError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has gone: let Python close in peace
+    if isinstance(error, BrokenPipeError):  # the reader has gone
+        abandon_output()
         return Exit.CLOSED
+    if lacking(error):
+        _say(lacking(error), session, error)
+        _flushed()
+        return Exit.LACKING
     _say(f"internal error: {type(error).__name__}: {' '.join(str(error).split())}", session, error)
     if not session.debug:
         hint = f"this is a bug; see where with: socp --debug {shlex.join(given)}"
@@ -120,23 +139,11 @@ def _say(text: str, session: Session, error: BaseException | None = None) -> Non
     messages().print(Text.assemble(("error: " if error else "", "bold red"), text), soft_wrap=True)
 
 
-@contextmanager
-def _noted(pressed: list[int]) -> Iterator[None]:
-    """Note Ctrl-C, which interrupts as ever."""
-    before = signal.getsignal(signal.SIGINT)
-    if before is not signal.default_int_handler or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def press(number: int, frame: FrameType | None) -> None:
-        pressed.append(number)
-        signal.default_int_handler(number, frame)
-
-    signal.signal(signal.SIGINT, press)
+def _flushed() -> None:
     try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+        sys.stdout.flush()
+    except OSError:  # it would be tried again, and fail, when Python closes
+        abandon_output()
 
 
 @contextmanager

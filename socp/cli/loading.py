@@ -126,9 +126,11 @@ def _neighbours(path: Path) -> str:
 def _as_script(module: ModuleType, folder: Path) -> Iterator[None]:
     """Let a file import its neighbours, and dataclasses in it find their module, as when Python runs it."""
     sys.modules[module.__name__] = module
-    sys.path.insert(0, str(folder.resolve()))
+    own = str(folder.resolve())
+    sys.path.append(own)  # last: a neighbour such as json.py or signal.py hides no package from others
     try:
         yield
     finally:
-        sys.path.remove(str(folder.resolve()))
+        for place in [k for k, each in enumerate(sys.path) if each == own][-1:]:
+            del sys.path[place]
         del sys.modules[module.__name__]

@@ -27,6 +27,7 @@ class Exit(IntEnum):
     USAGE = 2
     LOADING = 3
     INTERNAL = 4
+    LACKING = 5
     INTERRUPTED = 130
     CLOSED = 141
 
