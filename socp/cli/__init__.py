@@ -4,8 +4,6 @@ import os
 import sys
 from collections.abc import Sequence
 
-from socp import interruption
-
 _USUAL = 2  # the number of SIGINT, where a KeyboardInterrupt came without a signal
 
 
@@ -14,6 +12,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # the matrices here are small: threads of the linear algebra cost more than they bring, the more so side by side
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("PYTHONSAFEPATH", "1")  # processes started here import nothing from the current folder
+    from socp import interruption
+
     with interruption.listening(to_the_end=arguments is None):
         try:
             from socp.cli.app import run
