@@ -45,8 +45,10 @@ def _pooled(
     """Work a queue off with one pool of processes; returns the numbers that were under way when a worker died."""
     context = multiprocessing.get_context("spawn")
     before = set(multiprocessing.active_children())
-    stop, running = context.Event(), dict[Future[T], int]()
-    pool = ProcessPoolExecutor(min(jobs, len(waiting)), context, _begin, (stop, os.getpid()))
+    running = dict[Future[T], int]()
+    with _sheltered():  # the first event starts a process too, which tracks it
+        stop = context.Event()
+        pool = ProcessPoolExecutor(min(jobs, len(waiting)), context, _begin, (stop, os.getpid()))
     try:
         while waiting or running:
             while waiting and len(running) < jobs:  # no more than are worked on: the others are not under suspicion
