@@ -116,6 +116,7 @@ class Tally:
     outcomes: dict[int, Outcome] = field(default_factory=dict)
     died: list[int] = field(default_factory=list)
     best: Solution | None = None
+    unkept: str = ""
 
     def add(self, number: int, outcome: Outcome | None) -> bool:
         """Count a start, None where its worker died; returns whether the watch asks to stop."""
@@ -126,6 +127,13 @@ class Tally:
         self.best = self.census().best
         value = outcome.solution.objective if outcome.solution else float("nan")
         return self.watch is not silent and self.see(Progress("", len(self.outcomes), value, float("nan")))
+
+    def keep(self, kept: Kept, outcome: Outcome) -> None:
+        """Keep a start on the disk; one that cannot be kept counts all the same."""
+        try:
+            kept.write(outcome)
+        except SolveError as error:
+            self.unkept = self.unkept or str(error)
 
     def see(self, now: Progress, /) -> bool:
         """Tell the watch how many starts are finished, and the best of them, with what a solver says."""
@@ -139,7 +147,7 @@ class Tally:
     def census(self, *, interrupted: bool = False) -> Census:
         """Return the census so far."""
         ordered = tuple(self.outcomes[number] for number in sorted(self.outcomes))
-        return Census(self.wanted, ordered, tuple(self.died), interrupted)
+        return Census(self.wanted, ordered, tuple(self.died), interrupted, self.unkept)
 
 
 def survey(
@@ -173,7 +181,7 @@ def _counted(running: Iterator[tuple[int, Outcome | None]], tally: Tally, kept: 
     for number, outcome in running:
         with held():
             if kept is not None and outcome is not None:
-                kept.write(outcome)
+                tally.keep(kept, outcome)
             stopped = tally.add(number, outcome)
         if stopped:
             return True

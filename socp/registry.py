@@ -148,9 +148,9 @@ class Registry:
                 continue
             if answers:
                 return Guarded(answers[0], explained, complaints)
-        if not complaints:
-            raise MethodError("--record, --live: no plugin records; see 'socp plugins list'")
-        return Guarded(None, complaints=complaints)
+        if complaints:
+            return Guarded(None, complaints=complaints)
+        raise MethodError("--record, --live: no plugin records; see 'socp plugins list'")
 
     def _calls(self, hook: str) -> Iterator[tuple[Plugin, Any]]:
         """Yield every plugin that implements a hook, with a caller for it alone."""
@@ -162,8 +162,9 @@ class Registry:
 
 
 def _explained(plugin: Plugin, error: BaseException) -> str:
-    said = "" if isinstance(error, SocpError) else "not recorded: "  # socp's own errors say all there is to say
-    return f"{plugin.who}: {said}{explain(error, origin(plugin.target))}"
+    if isinstance(error, SocpError):  # it says all there is to say
+        return f"{plugin.who}: {error}"
+    return f"{plugin.who}: not recorded: {explain(error, origin(plugin.target))}"
 
 
 def as_problem(found: Any, where: str) -> "Problem":
@@ -178,7 +179,7 @@ def as_problem(found: Any, where: str) -> "Problem":
 
 def _environment() -> Collection[str] | None:
     given = os.environ.get(VARIABLE)
-    return given if given is None else [name.strip() for name in given.split(",") if name.strip()]
+    return None if given is None else [name.strip() for name in given.split(",") if name.strip()]
 
 
 def _entries() -> tuple[dict[str, Entry], tuple[Entry, ...]]:
@@ -220,8 +221,7 @@ def _tried(
     hooks, offered = _trial(module)
     accepted, refusals = dict[str, Any](), list[str]()
     for each in offered:
-        fault = refusal(each, methods | accepted)
-        if fault:
+        if fault := refusal(each, methods | accepted):
             refusals.append(fault)
         else:
             accepted[each.name] = each

@@ -410,6 +410,19 @@ def test_a_folder_for_temporary_files_that_fails_is_named(
     assert "bug" not in said.err
 
 
+def test_a_start_that_cannot_be_kept_counts_all_the_same(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = Path("cart.census").resolve()
+    failing(monkeypatch, [folder], errno.ENOSPC)
+    said = command("census", "cart.py", "--starts", "1")
+    assert said.code == 5
+    assert "1 of 1 starts finished" in said.out
+    assert said.err == (
+        "error: cart.census/start-0000.json: cannot be written: No space left on device; "
+        "the table counts them, but another census begins anew\n"
+    )
+    assert Solution.load("cart.socp.json").extremal
+
+
 @pytest.mark.slow
 def test_standard_output_on_a_full_disk_is_no_success(tmp_path: Path) -> None:
     (tmp_path / "cart.py").write_text(CART)
@@ -447,6 +460,17 @@ def test_memory_that_gives_out_is_no_bug(
     said = command(*words)
     assert said.code == 5
     assert said.err == "error: the memory gave out; give it more, or solve on a coarser grid\n"
+
+
+@pytest.mark.slow
+def test_standard_output_that_is_closed_is_no_bug(tmp_path: Path) -> None:
+    (tmp_path / "cart.py").write_text(CART)
+    done = subprocess.run(
+        ["bash", "-c", f"exec {sys.executable} -m socp.cli {' '.join(QUICK)} >&-"], cwd=tmp_path, stderr=subprocess.PIPE,
+        text=True, check=False, timeout=120,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (141, "")
+    assert Solution.load(tmp_path / "cart.socp.json").stop is Stop.SOLVED
 
 
 @pytest.mark.slow
@@ -547,7 +571,7 @@ def test_workers_import_nothing_from_the_current_folder(tmp_path: Path, monkeypa
 def test_commands_among_such_files_work(words: tuple[str, ...], tmp_path: Path) -> None:
     shadowed(tmp_path)
     done = subprocess.run(
-        [sys.executable, "-m", "socp.cli", *words], cwd=tmp_path, capture_output=True, text=True, check=False,
+        [Path(sys.executable).with_name("socp"), *words, "--quiet"], cwd=tmp_path, capture_output=True, text=True, check=False,
         timeout=120,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")

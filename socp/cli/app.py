@@ -85,6 +85,8 @@ def _run(given: list[str]) -> int:
         roomy()
         with _one_line_warnings(session.warn):
             code = socp.main(args=given, prog_name="socp", obj=session, standalone_mode=False)
+        if sys.stdout is None:  # it was closed from the start
+            return Exit.CLOSED
         sys.stdout.flush()
     except (KeyboardInterrupt, click.exceptions.Abort):
         return _interrupted(session)
@@ -141,7 +143,8 @@ def _say(text: str, session: Session, error: BaseException | None = None) -> Non
 
 def _flushed() -> None:
     try:
-        sys.stdout.flush()
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except OSError:  # it would be tried again, and fail, when Python closes
         abandon_output()
 

@@ -15,7 +15,7 @@ from socp.cli.loading import load_problem
 from socp.cli.progress import progress
 from socp.cli.session import Exit, Session, heading, messages, show, writable, write_json
 from socp.cli.show import small, switching, times
-from socp.errors import SolveError
+from socp.errors import KeepingError, SolveError
 from socp.interruption import held
 from socp.registry import Registry
 
@@ -75,8 +75,11 @@ def census(session: Session, /, **given: Any) -> int:
     for number in found.died:
         session.warn(f"start {number}: its worker process died")
     _say(session, place)
+    if found.unkept:
+        raise KeepingError(f"{found.unkept}; the table counts them, but another census begins anew")
     if found.interrupted:
-        session.note(f"interrupted: {len(found.outcomes)} of {starts} starts are kept in {kept.folder}")
+        where = "finished" if found.unkept else f"kept in {kept.folder}"
+        session.note(f"interrupted: {len(found.outcomes)} of {starts} starts are {where}")
         return Exit.INTERRUPTED
     return Exit.SOLVED if found.extremals else Exit.UNSOLVED
 
