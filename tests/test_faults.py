@@ -466,8 +466,8 @@ def test_memory_that_gives_out_is_no_bug(
 def test_standard_output_that_is_closed_is_no_bug(tmp_path: Path) -> None:
     (tmp_path / "cart.py").write_text(CART)
     done = subprocess.run(
-        ["bash", "-c", f"exec {sys.executable} -m socp.cli {' '.join(QUICK)} >&-"], cwd=tmp_path, stderr=subprocess.PIPE,
-        text=True, check=False, timeout=120,
+        ["bash", "-c", f"exec {sys.executable} -m socp.cli {' '.join(QUICK)} >&-"], cwd=tmp_path,
+        stderr=subprocess.PIPE, text=True, check=False, timeout=120,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (141, "")
     assert Solution.load(tmp_path / "cart.socp.json").stop is Stop.SOLVED
@@ -571,8 +571,8 @@ def test_workers_import_nothing_from_the_current_folder(tmp_path: Path, monkeypa
 def test_commands_among_such_files_work(words: tuple[str, ...], tmp_path: Path) -> None:
     shadowed(tmp_path)
     done = subprocess.run(
-        [Path(sys.executable).with_name("socp"), *words, "--quiet"], cwd=tmp_path, capture_output=True, text=True, check=False,
-        timeout=120,
+        [Path(sys.executable).with_name("socp"), *words, "--quiet"], cwd=tmp_path, capture_output=True, text=True,
+        check=False, timeout=120,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
     assert Solution.load(tmp_path / "cart.socp.json").extremal

@@ -9,8 +9,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 ORDER = """
-    errors interruption calls extras symbols walk enclosure word schemes tables arc affinity ranges scene traces tabular style panels
-    layout figures formula statement notebook verdict records results solution checks problem recording points
+    errors interruption calls extras symbols walk enclosure word schemes tables arc affinity ranges scene traces
+    tabular style panels layout figures formula statement notebook verdict records results solution checks problem recording points
     brackets factors extremal singular eliminate contacts principle laws simplify given lawbook modes words
     phases binary kinks nlp lifting collocate reach modelling template disjunctive backends structure misses
     insertion simulate softening meshing guess programmes sampling adjoint ends along conditions claims

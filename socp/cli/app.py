@@ -86,8 +86,9 @@ def _run(given: list[str]) -> int:
         with _one_line_warnings(session.warn):
             code = socp.main(args=given, prog_name="socp", obj=session, standalone_mode=False)
         if sys.stdout is None:  # it was closed from the start
-            return Exit.CLOSED
-        sys.stdout.flush()
+            code = Exit.CLOSED
+        else:
+            sys.stdout.flush()
     except (KeyboardInterrupt, click.exceptions.Abort):
         return _interrupted(session)
     except SystemExit:  # click's answer to a reader that has gone
