@@ -28,8 +28,10 @@ class Exit(IntEnum):
     LOADING = 3
     INTERNAL = 4
     LACKING = 5
+    HUNG_UP = 129
     INTERRUPTED = 130
     CLOSED = 141
+    TERMINATED = 143
 
 
 @final
