@@ -13,6 +13,7 @@ from socp.chain import judge, versions
 from socp.collocate import Mesh, uniform
 from socp.errors import MethodError, SolveError
 from socp.extremals import Census, Outcome, residual
+from socp.interruption import breakable, give_way, held
 from socp.kept import Kept
 from socp.method import solve_collocated
 from socp.nlp import Progress, Watch, silent
@@ -115,6 +116,7 @@ class Tally:
     outcomes: dict[int, Outcome] = field(default_factory=dict)
     died: list[int] = field(default_factory=list)
     best: Solution | None = None
+    unkept: str = ""
 
     def add(self, number: int, outcome: Outcome | None) -> bool:
         """Count a start, None where its worker died; returns whether the watch asks to stop."""
@@ -125,6 +127,13 @@ class Tally:
         self.best = self.census().best
         value = outcome.solution.objective if outcome.solution else float("nan")
         return self.watch is not silent and self.see(Progress("", len(self.outcomes), value, float("nan")))
+
+    def keep(self, kept: Kept, outcome: Outcome) -> None:
+        """Keep a start on the disk; one that cannot be kept counts all the same."""
+        try:
+            kept.write(outcome)
+        except SolveError as error:
+            self.unkept = self.unkept or str(error)
 
     def see(self, now: Progress, /) -> bool:
         """Tell the watch how many starts are finished, and the best of them, with what a solver says."""
@@ -138,7 +147,7 @@ class Tally:
     def census(self, *, interrupted: bool = False) -> Census:
         """Return the census so far."""
         ordered = tuple(self.outcomes[number] for number in sorted(self.outcomes))
-        return Census(self.wanted, ordered, tuple(self.died), interrupted)
+        return Census(self.wanted, ordered, tuple(self.died), interrupted, self.unkept)
 
 
 def survey(
@@ -156,17 +165,28 @@ def survey(
             tally.add(number, outcome)
     todo = [number for number in range(starts) if number not in tally.outcomes]
     running = _running(problem, todo, silent if watch is silent else tally.see, workers)
-    try:
-        for number, outcome in running:
+    with held():  # what is finished is counted and kept whole
+        try:
+            with breakable():
+                stopped = _counted(running, tally, kept)
+        except KeyboardInterrupt:
+            stopped = True
+        finally:
+            running.close()
+    return tally.census(interrupted=stopped)
+
+
+def _counted(running: Iterator[tuple[int, Outcome | None]], tally: Tally, kept: Kept | None) -> bool:
+    """Count and keep starts as they are finished; returns whether that was stopped."""
+    for number, outcome in running:
+        with held():
             if kept is not None and outcome is not None:
-                kept.write(outcome)
-            if tally.add(number, outcome):
-                return tally.census(interrupted=True)
-    except KeyboardInterrupt:
-        return tally.census(interrupted=True)
-    finally:
-        running.close()
-    return tally.census()
+                tally.keep(kept, outcome)
+            stopped = tally.add(number, outcome)
+        if stopped:
+            return True
+        give_way()
+    return False
 
 
 def _running(

@@ -2,6 +2,8 @@
 
 import platform
 import time
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from importlib import metadata
 from typing import Any
@@ -9,12 +11,15 @@ from typing import Any
 import numpy as np
 
 from socp import checks, pmp
+from socp.arc import Arc
+from socp.errors import ContractError
 from socp.given import check_laws
+from socp.interruption import breakable, give_way, held
 from socp.method import Method, check_options, options
 from socp.nlp import Watch, silent
 from socp.problem import Problem
 from socp.simulate import verify
-from socp.solution import Solution
+from socp.solution import Solution, Stop
 from socp.structure import structure
 from socp.verdict import Verdict
 
@@ -24,17 +29,62 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
 
     Ctrl-C while it is judged gives the solution without a verdict.
     Raises MethodError for options out of range and for what the method cannot try, ProblemError for a wrong
-    user-given law and for controls that have no use.
+    user-given law and for controls that have no use, ContractError for a method that returns no solution of the problem.
     """
     check_options(method)
     checks.useful(problem)
     check_laws(problem)
-    solution = method.solve(problem, guess, watch)
-    solution = replace(solution, method=method.name, options=described(method), versions=versions())
+    solved: list[Solution] = []
     try:
-        return judge(problem, solution)
-    except KeyboardInterrupt:  # what has been solved is not lost for want of a judgement
-        return solution
+        with breakable():
+            give_way()
+            solved.append(method.solve(problem, guess, watch))
+    except KeyboardInterrupt:
+        if not solved:
+            raise
+    with held():  # what has been solved is not lost for want of a judgement
+        solution = checked(method.name, problem, solved[0])
+        solution = replace(solution, method=method.name, options=described(method), versions=versions())
+        with suppress(KeyboardInterrupt), breakable():
+            return judge(problem, solution)
+    return solution
+
+
+def checked(method: str, problem: Problem, found: Any) -> Solution:
+    """Return what a method returned, if it can be a solution of the problem; ContractError says why it cannot."""
+    if not isinstance(found, Solution):
+        raise ContractError(f"method '{method}': solve returned {_what(found)}, where a Solution is needed")
+    fault = next(_faults(problem, found), "")
+    if fault:
+        raise ContractError(f"method '{method}': solve returned a Solution that is none of this problem: {fault}")
+    return found
+
+
+def _what(found: Any) -> str:
+    kind = type(found).__name__
+    return "nothing" if found is None else f"{'an' if kind[0].lower() in 'aeiou' else 'a'} {kind}"
+
+
+def _faults(problem: Problem, solution: Any) -> Iterator[str]:
+    if not isinstance(solution.stop, Stop):
+        yield f"its stop is {solution.stop!r}, not a Stop"
+    if isinstance(solution.objective, bool) or not isinstance(solution.objective, (int, float)):
+        yield f"its objective is {_what(solution.objective)}, not a number"
+    if not isinstance(solution.arcs, tuple) or not solution.arcs:
+        yield "its arcs are no tuple of at least one Arc"
+        return
+    names = {"x": problem.state_names, "u": problem.control_names, "costate": problem.state_names}
+    arcs: tuple[Any, ...] = solution.arcs
+    for arc in arcs:
+        if not isinstance(arc, Arc):
+            yield f"among its arcs is {_what(arc)}"
+            return
+        for which, wanted in names.items():
+            shape = np.shape(getattr(arc, which))
+            if shape != (len(wanted), np.size(arc.t)):
+                yield f"{which} of an arc has shape {shape}, where {(len(wanted), np.size(arc.t))} is needed"
+    if (solution.state_names, solution.control_names) != (problem.state_names, problem.control_names):
+        yield f"its states and controls are {solution.state_names} and {solution.control_names}"
 
 
 def judge(problem: Problem, solution: Solution) -> Solution:

@@ -43,6 +43,11 @@ class Plugin:
     hooks: tuple[str, ...] = ()
     error: BaseException | None = field(default=None, repr=False, compare=False)
 
+    @property
+    def who(self) -> str:
+        """The plugin and its package, as the subject of a complaint."""
+        return f"plugin '{self.name}' ({self.package})"
+
 
 @final
 @dataclass(frozen=True, kw_only=True)

@@ -15,3 +15,11 @@ class MethodError(SocpError):
 
 class SolveError(SocpError):
     """A solve could not be carried out, or a result could not be read or judged."""
+
+
+class ContractError(SocpError):
+    """A method broke the contract of methods: it raised, returned or told what none may; the text names it."""
+
+
+class KeepingError(SocpError):
+    """The machine gave out: a disk or the memory. The text says what is kept, and where."""

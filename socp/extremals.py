@@ -38,12 +38,16 @@ class Cluster:
 @final
 @dataclass(frozen=True, eq=False)
 class Census:
-    """All that the starts of a problem came to; `wanted` starts were asked for, `died` are those whose worker did."""
+    """All that the starts of a problem came to; `wanted` starts were asked for, `died` are those whose worker did.
+
+    `unkept` says why finished starts could not be kept, where they could not.
+    """
 
     wanted: int
     outcomes: tuple[Outcome, ...]
     died: tuple[int, ...] = ()
     interrupted: bool = False
+    unkept: str = ""
 
     @property
     def extremals(self) -> tuple[Cluster, ...]:

@@ -11,6 +11,7 @@ from socp.chain import judge
 from socp.errors import MethodError, SolveError
 from socp.following import Follower, sound
 from socp.guess import arranged
+from socp.interruption import breakable
 from socp.junctions import chattering
 from socp.limits import told
 from socp.mending import Candidate, Joint, mends, read
@@ -149,7 +150,8 @@ def frontier(
 
 def _frontier(trials: "_Trials", modes: Sequence[Joint], start: Solution, *, every: bool) -> Frontier:
     try:
-        (_everything if every else _beam)(trials, modes, start)
+        with breakable():
+            (_everything if every else _beam)(trials, modes, start)
     except KeyboardInterrupt:  # between two solves; inside one the backend stops by itself
         trials.interrupted = True
     rows = tuple(trials.best(n) for n in range(trials.most + 1))

@@ -4,7 +4,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import final
+from typing import Any, final
 
 import casadi
 
@@ -17,13 +17,16 @@ from socp.results import write_atomic
 from socp.solution import Solution
 from socp.symbols import final_time, initial_time, time
 
-_SCHEMA = 1  # version of the files
+_SCHEMA = 2  # version of the files
 
 
 @final
 @dataclass(frozen=True)
 class Kept:
-    """A directory of finished starts, one JSON file each; files of another problem or recipe count for nothing."""
+    """A directory of finished starts, one JSON file each.
+
+    Files of another problem or recipe count for nothing, nor do files that are not as they were written.
+    """
 
     folder: Path
     key: str
@@ -34,12 +37,13 @@ class Kept:
         for path in sorted(self.folder.glob("start-*.json")):
             try:
                 document = json.loads(path.read_text(encoding="utf-8"))
-                if document["schema"] == _SCHEMA and document["key"] == self.key:
+                whole = document.pop("checksum") == _checksum(document)
+                if whole and document["schema"] == _SCHEMA and document["key"] == self.key:
                     result = document["result"]
                     solution = None if result is None else Solution.from_json(json.dumps(result))
                     outcome = Outcome(int(document["start"]), document["about"], solution, document["error"])
                     found[outcome.number] = outcome
-            except (OSError, ValueError, KeyError, TypeError, SolveError):
+            except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, SolveError):
                 continue
         return found
 
@@ -48,11 +52,17 @@ class Kept:
         path = self.folder / f"start-{outcome.number:04d}.json"
         result = None if outcome.solution is None else json.loads(outcome.solution.to_json())
         document = {"schema": _SCHEMA, "key": self.key, "start": outcome.number, "about": outcome.about}
+        document |= {"error": outcome.error, "result": result}
         try:
             self.folder.mkdir(exist_ok=True)
         except OSError as error:
             raise SolveError(f"{self.folder}: cannot be made: {error.strerror or error}") from error
-        write_atomic(path, json.dumps({**document, "error": outcome.error, "result": result}, allow_nan=False))
+        write_atomic(path, json.dumps({**document, "checksum": _checksum(document)}, allow_nan=False))
+
+
+def _checksum(document: dict[str, Any]) -> str:
+    """Return a hash of all that a file says: what was altered on the disk, or by hand, is not believed."""
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 
 def fingerprint(problem: Problem, recipe: str) -> str:

@@ -5,11 +5,13 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import metadata
+from itertools import islice
 from typing import TYPE_CHECKING, Any, Self, final
 
 import pluggy
 
 from socp import hookspecs
+from socp.calls import called
 from socp.entries import PLUGINS, PROBLEMS, Entry, Plugin, Status, explain, origin, package, points, refusal, suggest
 from socp.errors import MethodError, ProblemError, SocpError
 from socp.telling import short
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
 VARIABLE = "SOCP_PLUGINS"
 LISTENERS = ("socp_solved", "socp_recorder")
 HOOKS = ("socp_methods", *LISTENERS)
+_MOST = 1000  # methods of one plugin: what offers more never ends
 
 
 class PluginError(MethodError):
@@ -121,12 +124,14 @@ class Registry:
 
     def solved(self, problem: "Problem", solution: "Solution") -> list[str]:
         """Call the listeners, each by itself; returns one line for each that raised."""
+        from socp.recording.guard import sealed
+
         complaints = []
         for plugin, call in self._calls("socp_solved"):
             try:
-                call(problem=problem, solution=solution)
-            except (Exception, SystemExit) as error:  # noqa: BLE001 - a listener's fault is not the solve's
-                complaints.append(f"plugin '{plugin.name}': socp_solved: {explain(error, origin(plugin.target))}")
+                called(call, problem=problem, solution=sealed(solution))
+            except Exception as error:  # noqa: BLE001 - a listener's fault is not the solve's
+                complaints.append(f"{plugin.who}: socp_solved: {explain(error, origin(plugin.target))}")
         return complaints
 
     def recorder(self, problem: "Problem", path: "Path | None", live: str = "", runs: int = 1) -> "Guarded":
@@ -136,14 +141,18 @@ class Registry:
         """
         from socp.recording.guard import Guarded
 
+        complaints = []
         for plugin, call in self._calls("socp_recorder"):
             explained = partial(_explained, plugin)
             try:
-                answers = call(problem=problem, path=path, live=live, runs=runs)
-            except (Exception, SystemExit) as error:  # noqa: BLE001 - a recorder's fault is not the solve's
-                return Guarded(None, explained, [explained(error)])
+                answers = called(call, problem=problem, path=path, live=live, runs=runs)
+            except Exception as error:  # noqa: BLE001 - a recorder's fault is not the solve's
+                complaints.append(explained(error))
+                continue
             if answers:
-                return Guarded(answers[0], explained)
+                return Guarded(answers[0], explained, complaints)
+        if complaints:
+            return Guarded(None, complaints=complaints)
         raise MethodError("--record, --live: no plugin records; see 'socp plugins list'")
 
     def _calls(self, hook: str) -> Iterator[tuple[Plugin, Any]]:
@@ -157,8 +166,8 @@ class Registry:
 
 def _explained(plugin: Plugin, error: BaseException) -> str:
     if isinstance(error, SocpError):  # it says all there is to say
-        return f"plugin '{plugin.name}': {error}"
-    return f"plugin '{plugin.name}': not recorded: {explain(error, origin(plugin.target))}"
+        return f"{plugin.who}: {error}"
+    return f"{plugin.who}: not recorded: {explain(error, origin(plugin.target))}"
 
 
 def as_problem(found: Any, where: str) -> "Problem":
@@ -177,8 +186,7 @@ def _environment() -> Collection[str] | None:
 
 
 def _entries() -> tuple[dict[str, Entry], tuple[Entry, ...]]:
-    entries: dict[str, Entry] = {}
-    refused = []
+    entries, refused = dict[str, Entry](), list[Entry]()
     for point in points(PROBLEMS):
         entry = Entry(name=point.name, target=point.value, package=package(point))
         first = entries.setdefault(point.name, entry)
@@ -188,8 +196,7 @@ def _entries() -> tuple[dict[str, Entry], tuple[Entry, ...]]:
 
 
 def _manager() -> pluggy.PluginManager:
-    manager = pluggy.PluginManager("socp")
-    manager.add_hookspecs(hookspecs)
+    (manager := pluggy.PluginManager("socp")).add_hookspecs(hookspecs)
     return manager
 
 
@@ -198,23 +205,30 @@ def _load(
 ) -> Plugin:
     """Load one plugin on trial, admit it to the manager, and return what became of it."""
     try:
-        module = point.load()
-        hooks, offered = _trial(module)
-    except (Exception, SystemExit) as error:  # noqa: BLE001 - one broken plugin stops nothing
+        module, hooks, accepted, refusals = called(_tried, point, dict(methods))
+    except Exception as error:  # noqa: BLE001 - one broken plugin stops nothing
         return replace(plugin, status="failed", reason=explain(error, origin(point.value)), error=error)
-    accepted, refusals = [], []
-    for each in offered:
-        fault = refusal(each, methods)
-        if fault:
-            refusals.append(fault)
-        else:
-            methods[each.name] = each
-            accepted.append(each.name)
+    methods |= accepted
     useful = accepted or set(LISTENERS) & set(hooks)
     status: Status = "loaded" if not refusals else "partly" if useful else "failed"
     if status != "failed":
         manager.register(module, name=point.name)
     return replace(plugin, status=status, reason="; ".join(refusals), methods=tuple(accepted), hooks=hooks)
+
+
+def _tried(
+    point: metadata.EntryPoint, methods: "dict[str, type[Method]]"
+) -> "tuple[Any, tuple[str, ...], dict[str, type[Method]], list[str]]":
+    """Import a plugin; returns its module, its hooks, its methods by name, and why others of them are refused."""
+    module = point.load()
+    hooks, offered = _trial(module)
+    accepted, refusals = dict[str, Any](), list[str]()
+    for each in offered:
+        if fault := refusal(each, methods | accepted):
+            refusals.append(fault)
+        else:
+            accepted[each.name] = each
+    return module, hooks, accepted, refusals
 
 
 def _trial(module: Any) -> tuple[tuple[str, ...], list[Any]]:
@@ -233,5 +247,7 @@ def _trial(module: Any) -> tuple[tuple[str, ...], list[Any]]:
     for answer in trial.hook.socp_methods():
         if isinstance(answer, type) or not isinstance(answer, Iterable):
             raise MethodError("socp_methods should return a list of methods")
-        offered += answer
+        offered += islice(answer, _MOST + 1)
+        if len(offered) > _MOST:
+            raise MethodError(f"socp_methods offers more than {_MOST} methods")
     return hooks, offered

@@ -541,7 +541,8 @@ def test_a_recorder_that_fails_is_one_line_and_is_left_alone(
     result = tmp_path / "result.json"
     words = ["solve", "double_integrator_time", "-m", "trapezoidal", "-o", "steps=20", "--out", str(result)]
     assert main(["--no-plugin", "rerun_recorder", *words, "--record", str(tmp_path / fails)]) == 0
-    assert f"plugin 'aa_stranger': not recorded: RuntimeError: {fails} is broken" in one_line(capsys.readouterr().err)
+    who, said = f"plugin 'aa_stranger' (stranger_{fails} 1.0)", one_line(capsys.readouterr().err)
+    assert f"{who}: not recorded: RuntimeError: {fails} is broken" in said
     (recorder,) = sys.modules[module].recorders
     assert recorder.seen.count(fails) == 1
     assert recorder.seen[-1] == fails

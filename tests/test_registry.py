@@ -129,7 +129,7 @@ def test_listeners_are_called_and_their_faults_become_lines(install: Install, re
     loaded = Registry.load()
     problem = registry.problem("auv")
     lines = loaded.solved(problem, default_guess(problem))
-    assert lines == ["plugin 'bad': socp_solved: ValueError: no disk (bad.py, line 5)"]
+    assert lines == ["plugin 'bad' (bad 1.0): socp_solved: ValueError: no disk (bad.py, line 5)"]
     assert loaded.manager.get_plugin("good").SEEN == [("auv", "auv")]
     assert loaded.failures == ()
 

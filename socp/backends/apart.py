@@ -159,7 +159,8 @@ def solved_apart(nlp: NLP, guess: NLPPoint, job: Job, watch: Watch) -> Outcome:
 
 def _attended(job: Job, told: _Told, watch: Watch, deadline: float) -> str:
     """Listen to a solver until it ends or has to be ended; returns how it ended."""
-    command = [sys.executable, "-m", "socp.backends.child", job.module, str(job.folder)]
+    # -P: a file such as signal.py or json.py in the current folder is none of Python's
+    command = [sys.executable, "-P", "-m", "socp.backends.child", job.module, str(job.folder)]
     count = 0
     with (job.folder / "log.txt").open("wb") as log, _process(command, log, job.folder) as process:
         lines = _lines(job.folder / TOLD)

@@ -25,7 +25,7 @@ def main(module: str, folder: str) -> None:
     job = json.loads((Path(folder) / "job.json").read_text(encoding="utf-8"))
     limit = int(job["killed_after"]) * 4 + 60  # of processor time, on several threads: should the parent be gone
     resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5))
-    _end_with(job["parent"])
+    end_with(job["parent"])
     with (Path(folder) / TOLD).open("w", encoding="utf-8", buffering=1) as file:
 
         def tell(record: Mapping[str, Any]) -> None:
@@ -45,8 +45,8 @@ def environment() -> dict[str, str]:
     return {**os.environ, **({"PYTHONPATH": absolute} if absolute else {})}
 
 
-def _end_with(parent: int) -> None:
-    """Have this process ended with its parent, however that ends; elsewhere than on Linux the limit has to do."""
+def end_with(parent: int) -> None:
+    """Have this process ended with its parent, however that ends; elsewhere than on Linux others have to see to it."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PARENT_ENDS, signal.SIGKILL)
     if os.getppid() != parent:  # it has ended already

@@ -1,12 +1,8 @@
 """Ipopt through casadi: sparse, exact Hessian, a trace of every iteration, a clean stop on Ctrl-C."""
 
-import signal
-import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import FrameType
 from typing import Any, final
 
 import casadi
@@ -14,6 +10,7 @@ import numpy as np
 
 from socp.backends import documented
 from socp.errors import SolveError
+from socp.interruption import requesting
 from socp.nlp import NLP, NLPPoint, Progress, Watch, silent
 from socp.solution import Stop
 
@@ -69,7 +66,7 @@ class Ipopt:
         if guess.lam_v is not None and guess.lam_g is not None:
             given |= {"lam_x0": guess.lam_v, "lam_g0": guess.lam_g}
         try:
-            with _sigint(observer):  # from the start: raised in a callback, Ctrl-C would pass for a failure of casadi
+            with requesting(observer.ask):  # from the start: in a callback Ctrl-C would pass for a failure of casadi
                 solver = _solver(nlp, observer, {**_DEFAULTS, **self.options})
                 built = time.perf_counter()
                 result = solver(**given)
@@ -116,6 +113,10 @@ class _Observer(casadi.Callback):  # type: ignore[misc]
         self.watch, self.stop, self.count = watch, False, 0
         self.error: BaseException | None = None
         self.construct("observer", {})
+
+    def ask(self) -> None:
+        """Ask Ipopt to stop after this iteration."""
+        self.stop = True
 
     def get_n_in(self) -> int:
         return int(casadi.nlpsol_n_out())
@@ -169,23 +170,6 @@ def _unusable(nlp: NLP, guess: NLPPoint) -> str:
     if not np.isfinite(float(f)):
         return f"the objective is {float(f)} at the guess; give a guess where it is finite"
     return f"{bad} of {g.numel()} constraints are not finite at the guess; give a guess where they are" if bad else ""
-
-
-@contextmanager
-def _sigint(observer: _Observer) -> Iterator[None]:
-    """Turn Ctrl-C into a request to stop after this iteration: inside Ipopt it would end as an obscure failure."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def request(_number: int, _frame: FrameType | None) -> None:
-        observer.stop = True
-
-    before = signal.signal(signal.SIGINT, request)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _last_line(error: Exception) -> str:

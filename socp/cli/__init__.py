@@ -8,6 +8,8 @@ from collections.abc import Sequence
 
 from socp.cli.streams import parted
 
+_USUAL = 2  # the number of SIGINT, where a KeyboardInterrupt came without a signal
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; what it needs is imported here, so that Ctrl-C is caught early.
@@ -16,14 +18,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     # the matrices here are small: threads of the linear algebra cost more than they bring, the more so side by side
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with parted(for_good=arguments is None):
+    os.environ.setdefault("PYTHONSAFEPATH", "1")  # processes started here import nothing from the current folder
+    from socp import interruption
+
+    with parted(for_good=arguments is None), interruption.listening(to_the_end=arguments is None):
         try:
             from socp.cli.app import run
 
             code = run(arguments)
         except KeyboardInterrupt:
             sys.stderr.write("interrupted\n")
-            code = 130
+            code = 128 + (interruption.heard() or _USUAL)
     if arguments is None:
         _end(code)
     return code

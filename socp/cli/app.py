@@ -1,31 +1,30 @@
 """The command `socp`: its options, its commands, and what becomes of errors."""
 
 import shlex
-import signal
 import sys
-import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from types import FrameType
 from typing import Any
 
 import click
 from rich.text import Text
 
+from socp import interruption
 from socp.cli.checking import check
 from socp.cli.comparing import compare
 from socp.cli.describing import describe
 from socp.cli.exporting import export
 from socp.cli.listing import list_, methods, plugins, plugins_list
+from socp.cli.machine import lacking, roomy
 from socp.cli.plotting import plot
 from socp.cli.recording import record, view
 from socp.cli.session import Exit, Session, messages
 from socp.cli.solving import solve
 from socp.cli.streams import Streams, kept_apart, parsing, parted
 from socp.cli.surveying import census, frontier
-from socp.errors import MethodError, ProblemError, SocpError
+from socp.errors import ContractError, KeepingError, MethodError, ProblemError, SocpError
 from socp.registry import PluginError
 from socp.telling import said
 
@@ -34,10 +33,11 @@ Exit codes:
   0    an answer: certified, or a feasible point that meets the solver's tolerances; check: certified
   1    ran, but no answer: infeasible, at a limit or failed (the result is written); check: not certified
   2    usage: an unknown command, method or option, or a value not allowed
-  3    the problem, or the plugin of the method, could not be loaded
+  3    the problem, or the plugin of the method, could not be loaded, or the plugin failed
   4    internal error
-  5    the report could not be written to standard output
-  130  interrupted; a solve that had begun writes its last iterate
+  5    the disk or the memory gave out; the message says what is kept, and where
+  130  interrupted by Ctrl-C; a solve that had begun writes its last iterate
+  143  the same after SIGTERM, 129 after SIGHUP
 
 \b
 Examples:
@@ -88,29 +88,37 @@ def run(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code; every error becomes a message."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     session = Session(debug="--debug" in given)
-    with parted() as streams:
-        return _delivered(streams, session, _ran(session, given))
+    with parted() as streams, interruption.listening():
+        code = _ran(session, given)
+        with interruption.held():
+            code = _delivered(streams, session, code)
+            asked = interruption.heard()
+            return 128 + asked if asked and code != Exit.LACKING else code
 
 
 def _ran(session: Session, given: Sequence[str]) -> int:
-    pressed = list[int]()
     try:
-        with _one_line_warnings(session.warn), _noted(pressed), parsing():
+        roomy()
+        with _one_line_warnings(session.warn), parsing():
             code = socp.main(args=list(given), prog_name="socp", obj=session, standalone_mode=False)
     except (KeyboardInterrupt, click.exceptions.Abort):
-        _say("interrupted; nothing was written", session)
-        return Exit.INTERRUPTED
+        return _interrupted(session)
     except SystemExit as error:
         _say(f"internal error: a plugin, or a package that it uses, called exit({error})", session, error)
         return Exit.INTERNAL
     except (click.ClickException, SocpError) as error:
         return _expected(error, session)
     except BaseException as error:  # noqa: BLE001 - a bug is one line and a hint, not a traceback
-        if pressed:  # what Ctrl-C breaks off while a package is imported fails in some other way later
-            _say("interrupted; nothing was written", session)
-            return Exit.INTERRUPTED
+        if interruption.heard():  # what Ctrl-C breaks off while a package is imported fails in some other way later
+            return _interrupted(session)
         return _internal(error, session, given)
     return code if isinstance(code, int) else Exit.SOLVED
+
+
+def _interrupted(session: Session) -> int:
+    with interruption.held():
+        _say("interrupted; nothing was written", session)
+    return Exit.INTERRUPTED
 
 
 def _delivered(streams: Streams, session: Session, code: int) -> int:
@@ -123,7 +131,7 @@ def _delivered(streams: Streams, session: Session, code: int) -> int:
         _say(f"the report cannot be written to standard output: {error.strerror or error}", session, error)
         for path in session.written:
             messages().print(Text(f"written: {path}"), soft_wrap=True)
-        return Exit.UNWRITTEN if code in {Exit.SOLVED, Exit.UNSOLVED} else code
+        return Exit.LACKING if code in {Exit.SOLVED, Exit.UNSOLVED} else code
     return code
 
 
@@ -132,12 +140,17 @@ def _expected(error: click.ClickException | SocpError, session: Session) -> int:
     _say(text, session, error)
     if isinstance(error, click.UsageError) and error.ctx is not None:
         messages().print(f"see '{error.ctx.command_path} --help'", markup=False)
-    if isinstance(error, (ProblemError, PluginError)):
+    if isinstance(error, (ProblemError, PluginError, ContractError)):
         return Exit.LOADING
+    if isinstance(error, KeepingError) or lacking(error):
+        return Exit.LACKING
     return Exit.USAGE if isinstance(error, (click.ClickException, MethodError)) else Exit.UNSOLVED
 
 
 def _internal(error: BaseException, session: Session, given: Sequence[str]) -> int:
+    if lacking(error):
+        _say(lacking(error), session, error)
+        return Exit.LACKING
     _say(f"internal error: {type(error).__name__}: {said(error)}", session, error)
     if not session.debug:
         hint = f"this is a bug; see where with: socp --debug {shlex.join(given)}"
@@ -149,25 +162,6 @@ def _say(text: str, session: Session, error: BaseException | None = None) -> Non
     if session.debug and error is not None:
         messages().print(Text("".join(traceback.format_exception(error))), soft_wrap=True)
     messages().print(Text.assemble(("error: " if error else "", "bold red"), text), soft_wrap=True)
-
-
-@contextmanager
-def _noted(pressed: list[int]) -> Iterator[None]:
-    """Note Ctrl-C, which interrupts as ever."""
-    before = signal.getsignal(signal.SIGINT)
-    if before is not signal.default_int_handler or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def press(number: int, frame: FrameType | None) -> None:
-        pressed.append(number)
-        signal.default_int_handler(number, frame)
-
-    signal.signal(signal.SIGINT, press)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

@@ -11,14 +11,21 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
+from socp import interruption
+from socp.cli.keeping import reporting
 from socp.cli.loading import load_problem
-from socp.cli.options import build, shared
+from socp.cli.machine import lacking
+from socp.cli.options import shared
 from socp.cli.progress import progress
 from socp.cli.recording import record_option, recording, told
+from socp.cli.running import made, solved
 from socp.cli.session import Exit, Session, messages, results, show, write_json
 from socp.cli.show import facts, signed, small, switching, times, to_reference, variations, worst
+from socp.entries import reason
 from socp.errors import SocpError
+from socp.interruption import held
 from socp.printable import one_line
+from socp.registry import Registry
 
 if TYPE_CHECKING:
     from socp.method import Method
@@ -37,6 +44,12 @@ class Row:
     method: str
     solution: "Solution | None" = None
     error: str = ""
+    bug: bool = False
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the solve was interrupted, or its judgement."""
+        return self.solution is not None and (self.solution.verdict is None or self.solution.stop.name == "INTERRUPTED")
 
     @property
     def ok(self) -> bool:
@@ -65,18 +78,24 @@ def compare(session: Session, /, problem: str, names: tuple[str, ...], given: tu
     session.complain(registry)
     chosen = [registry.method(name) for name in dict.fromkeys(names)]
     options = shared(chosen, given)
-    built = [build(method, options[method.name]) for method in chosen]
+    built = [made(registry, method.name, options[method.name]) for method in chosen]
     posed = load_problem(problem, registry)
-    with recording(session, registry, posed, how["record"], runs=len(built)) as recorder:
-        rows = [_solved(posed, method, recorder, quiet=quiet) for method in built]
+    with held(), recording(session, registry, posed, how["record"], runs=len(built)) as recorder:
+        rows = _rows(registry, posed, built, recorder, quiet=quiet)
     best = best_of(rows)
-    if how["as_json"]:
-        write_json({"problem": posed.name, "best": best, "rows": [_record(posed, row, best) for row in rows]})
-    else:
-        show(_fitting(results(), posed, rows, best))
+    with reporting(None):
+        if how["as_json"]:
+            write_json({"problem": posed.name, "best": best, "rows": [_record(posed, row, best) for row in rows]})
+        else:
+            show(_fitting(results(), posed, rows, best))
     for row in rows:
         if row.error:
             session.warn(f"{row.method}: {row.error}")
+    if len(rows) < len(built) or interruption.heard():
+        session.note(f"interrupted: the table is of {len(rows)} of {len(built)} methods")
+        return Exit.INTERRUPTED
+    if any(row.bug for row in rows):
+        return Exit.INTERNAL
     return Exit.SOLVED if all(row.ok for row in rows) else Exit.UNSOLVED
 
 
@@ -89,17 +108,34 @@ def best_of(rows: list[Row]) -> float:
     return min(found, key=worst).objective if found else math.nan
 
 
-def _solved(problem: "Problem", method: "Method", recorder: "Guarded", *, quiet: bool) -> Row:
-    from socp.chain import run
+def _rows(
+    registry: Registry, problem: "Problem", methods: "list[Method]", recorder: "Guarded", *, quiet: bool
+) -> list[Row]:
+    """Return a row for every method; an interruption ends with the methods solved before, if there are any."""
+    rows: list[Row] = []
+    for method in methods:
+        try:
+            rows.append(_solved(registry, problem, method, recorder, quiet=quiet))
+        except KeyboardInterrupt:
+            if not rows:
+                raise
+            break
+        if rows[-1].interrupted:
+            break
+    return rows
+
+
+def _solved(registry: Registry, problem: "Problem", method: "Method", recorder: "Guarded", *, quiet: bool) -> Row:
     from socp.guess import default_guess
 
     try:
         with progress(messages(), f"{problem.name}, {method.name}", quiet=quiet) as watch:
-            solution = run(method, problem, default_guess(problem), told(watch, recorder))
+            solution = solved(registry, method, problem, default_guess(problem), told(watch, recorder))
     except SocpError as error:
         return Row(method.name, error=str(error))
-    if solution.stop.name == "INTERRUPTED":
-        raise KeyboardInterrupt
+    except Exception as error:  # noqa: BLE001 - the rows of the other methods are worth as much as before
+        said = lacking(error)
+        return Row(method.name, error=said or f"internal error: {reason(error)}", bug=not said)
     recorder.finish(problem, solution)
     return Row(method.name, solution)
 

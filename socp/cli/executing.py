@@ -60,7 +60,7 @@ def _as_script(module: ModuleType, folder: Path) -> Iterator[None]:
     """Let a file import its neighbours, and dataclasses in it find their module, as when Python runs it."""
     path = [*sys.path]
     sys.modules[module.__name__] = module
-    sys.path.insert(0, str(folder.resolve()))
+    sys.path.append(str(folder.resolve()))  # last: a neighbour such as json.py hides no package
     try:
         yield
     finally:

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from socp.cli.loading import load_result
+from socp.cli.locking import alone
 from socp.cli.session import Exit, Session, writable
 from socp.errors import MethodError, ProblemError, SolveError
+from socp.interruption import held
 from socp.registry import Registry
 
 if TYPE_CHECKING:
@@ -51,13 +53,15 @@ def recording(
     if path is None and not address:
         yield Guarded(None)
         return
-    recorder = registry.recorder(problem, path, address, runs)
-    try:
-        yield recorder
-    finally:
-        whole = recorder.close()
-        for line in recorder.complaints:
-            session.warn(line)
+    with alone(path):
+        recorder = registry.recorder(problem, path, address, runs)
+        try:
+            yield recorder
+        finally:
+            with held():
+                whole = recorder.close()
+            for line in recorder.complaints:
+                session.warn(line)
         if whole and path is not None:
             session.note(f"recording in {path}; see it with: socp view {path}")
 
@@ -116,9 +120,10 @@ def _record(registry: Registry, result: str, given: str | None, path: Path) -> N
     solution, problem = load_result(result, given, registry)
     if problem is None:
         raise ProblemError(f"{result}: its problem '{solution.problem}' is not registered; give --problem FILE")
-    recorder = registry.recorder(problem, path)
-    recorder.finish(problem, solution)
-    recorder.close()
+    with alone(path):
+        recorder = registry.recorder(problem, path)
+        recorder.finish(problem, solution)
+        recorder.close()
     if recorder.complaints:
         raise SolveError(recorder.complaints[0])
 

@@ -33,9 +33,11 @@ class Exit(IntEnum):
     USAGE = 2
     LOADING = 3
     INTERNAL = 4
-    UNWRITTEN = 5
+    LACKING = 5
+    HUNG_UP = 129
     INTERRUPTED = 130
     CLOSED = 141
+    TERMINATED = 143
 
 
 @final

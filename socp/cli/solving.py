@@ -6,14 +6,17 @@ from typing import TYPE_CHECKING, Any, final
 
 import click
 
+from socp.cli.keeping import Place, keep, reporting
 from socp.cli.loading import load_guess, load_problem
-from socp.cli.options import DEFAULT_METHOD, build, pairs
+from socp.cli.options import DEFAULT_METHOD, pairs
 from socp.cli.outcome import outcome
 from socp.cli.progress import progress
 from socp.cli.recording import live_option, record_option, recording, told
+from socp.cli.running import made, solved
 from socp.cli.session import Exit, Session, heading, messages, named_after, show, writable, write_json
 from socp.cli.show import facts, report
 from socp.errors import MethodError, SolveError
+from socp.interruption import held
 
 if TYPE_CHECKING:
     from socp.problem import Problem
@@ -67,33 +70,41 @@ def solve(session: Session, /, **given: Any) -> int:
     the report's outcome says which. With --strict a certified extremal only. Exit code 1 if the solver reached its
     limit, failed, or ended at a point that misses the problem's conditions; the result is written all the same.
     """
-    from socp.chain import run
     from socp.guess import default_guess
 
     asked = Asked(**given)
     session.quiet = asked.quiet
     registry = session.registry()
     session.complain(registry)
-    method = build(registry.method(asked.method), [*asked.shortened(), *pairs(asked.options)])
+    method = made(registry, asked.method, [*asked.shortened(), *pairs(asked.options)])
     problem = load_problem(asked.problem, registry)
     guess = _guess(asked.guess, problem) if asked.guess else default_guess(problem)
     path = writable(Path(asked.out) if asked.out else named_after(problem.name, ".socp.json"))
-    with recording(session, registry, problem, asked.record, live=asked.live) as recorder:
+    with held(), recording(session, registry, problem, asked.record, live=asked.live) as recorder:
         with progress(messages(), f"{problem.name}, {method.name}", quiet=asked.quiet) as watch:
-            solution = run(method, problem, guess, told(watch, recorder))
-        solution.save(path)
-        session.written.append(path)
+            solution = solved(registry, method, problem, guess, told(watch, recorder))
+        place = keep(problem, solution, path)
+        session.written.append(place.path)
         recorder.finish(problem, solution)
+    with reporting(place):
+        _show(problem, solution, place.path, as_json=asked.as_json)
     for line in registry.solved(problem, solution):
         session.warn(line)
-    _show(problem, solution, path, as_json=asked.as_json)
+    return _ended(session, solution, place, strict=asked.strict)
+
+
+def _ended(session: Session, solution: "Solution", place: Place, *, strict: bool) -> int:
+    """Say what else there is to know of a result, and return the exit code."""
+    place.check()
+    if place.said:
+        session.warn(place.said)
     if solution.verdict is None:
-        session.note(f"interrupted before it was verified: the result is in {path}")
+        session.note(f"interrupted before it was verified: the result is in {place.path}")
         return Exit.INTERRUPTED
     if solution.stop.name == "INTERRUPTED":
-        session.note(f"interrupted: the last iterate is in {path}")
+        session.note(f"interrupted: the last iterate is in {place.path}")
         return Exit.INTERRUPTED
-    return outcome(solution).code(strict=asked.strict)
+    return outcome(solution).code(strict=strict)
 
 
 def _show(problem: "Problem", solution: "Solution", path: Path, *, as_json: bool) -> None:

@@ -10,11 +10,13 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from socp.cli.keeping import Place, keep, reporting
 from socp.cli.loading import load_problem
 from socp.cli.progress import progress
 from socp.cli.session import Exit, Session, heading, messages, named_after, show, writable, write_json
 from socp.cli.show import small, switching, times
-from socp.errors import SolveError
+from socp.errors import KeepingError, SolveError
+from socp.interruption import held
 from socp.registry import Registry
 
 if TYPE_CHECKING:
@@ -62,19 +64,35 @@ def census(session: Session, /, **given: Any) -> int:
     kept = Kept(path.parent / named_after(posed.name, ".census"), fingerprint(posed, recipe()))
     with progress(messages(), f"{posed.name}, census", quiet=session.quiet) as watch:
         found = survey(posed, starts, kept, watch, (given["jobs"], Named(given["problem"])))
-    if found.best is not None:
-        replace(found.best, options={"starts": starts}, versions=versions()).save(path)
-        session.written.append(path)
-    if given["as_json"]:
-        write_json({**_facts(posed, found), "result": str(path) if found.best else None})
-    else:
-        show(heading(posed.name, posed.title), *_tables(found), *([Text(f"result  {path}")] if found.best else []))
+    with held():
+        best, place = found.best, None
+        if best is not None:
+            place = keep(posed, replace(best, options={"starts": starts}, versions=versions()), path)
+            session.written.append(place.path)
+    with reporting(place):
+        if given["as_json"]:
+            write_json({**_facts(posed, found), "result": str(place.path) if place else None})
+        else:
+            result = [Text(f"result  {place.path}")] if place else []
+            show(heading(posed.name, posed.title), *_tables(found), *result)
     for number in found.died:
         session.warn(f"start {number}: its worker process died")
+    _say(session, place)
+    if found.unkept:
+        raise KeepingError(f"{found.unkept}; the table counts them, but another census begins anew")
     if found.interrupted:
-        session.note(f"interrupted: {len(found.outcomes)} of {starts} starts are kept in {kept.folder}")
+        where = "finished" if found.unkept else f"kept in {kept.folder}"
+        session.note(f"interrupted: {len(found.outcomes)} of {starts} starts are {where}")
         return Exit.INTERRUPTED
     return Exit.SOLVED if found.extremals else Exit.UNSOLVED
+
+
+def _say(session: Session, place: Place | None) -> None:
+    """Say where a result is, if it is not where it was to be."""
+    if place is not None:
+        place.check()
+        if place.said:
+            session.warn(place.said)
 
 
 def _facts(problem: "Problem", found: "Census") -> dict[str, Any]:
@@ -173,16 +191,19 @@ def frontier(session: Session, /, **given: Any) -> int:
         if first.solution is None:
             raise SolveError(f"{posed.name}: no direct solution to begin with: {first.error}")
         found = search(posed, most, first.solution, dwell, watch=watch)
-    best = found.best
-    if best is not None:
-        options = {"max_switches": most, "dwell": dwell}
-        replace(best, method="frontier", options=options, versions=versions()).save(path)
-        session.written.append(path)
-    if given["as_json"]:
-        write_json({**_ladder(posed, found), "dwell": dwell, "result": str(path) if best else None})
-    else:
-        result = [Text(f"result  {path}")] if best else []
-        show(heading(posed.name, posed.title), _rows(found), Text(_words(found)), *result)
+    best, place = found.best, None
+    with held():
+        if best is not None:
+            options = {"max_switches": most, "dwell": dwell}
+            place = keep(posed, replace(best, method="frontier", options=options, versions=versions()), path)
+            session.written.append(place.path)
+    with reporting(place):
+        if given["as_json"]:
+            write_json({**_ladder(posed, found), "dwell": dwell, "result": str(place.path) if place else None})
+        else:
+            result = [Text(f"result  {place.path}")] if place else []
+            show(heading(posed.name, posed.title), _rows(found), Text(_words(found)), *result)
+    _say(session, place)
     if found.interrupted:
         session.note("interrupted: the table is of the words solved before")
         return Exit.INTERRUPTED

@@ -1,8 +1,11 @@
 """Recorders as plugins provide them, and the guard around one: its failure is a line, never the end of a solve."""
 
+import copy
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Protocol, final
+
+from socp.calls import called
 
 if TYPE_CHECKING:
     from socp.nlp import Progress
@@ -40,7 +43,7 @@ class Guarded:
     def finish(self, problem: "Problem", solution: "Solution") -> None:
         """Record a solution."""
         if self.recorder is not None:
-            self._tried(self.recorder.finish, problem, solution)
+            self._tried(self.recorder.finish, problem, sealed(solution))
 
     def close(self) -> bool:
         """Complete the recording, and tell whether it is whole."""
@@ -52,7 +55,16 @@ class Guarded:
 
     def _tried(self, act: Callable[..., None], *given: Any) -> None:
         try:
-            act(*given)
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - a recorder's fault is not the solve's
+            called(act, *given)
+        except Exception as error:  # noqa: BLE001 - a recorder's fault is not the solve's
             self.complaints.append(self.explain(error))
             self.recorder = None
+
+
+def sealed(solution: "Solution") -> "Solution":
+    """Return a copy of a solution for strangers: its arrays cannot be written to, and nothing else in it is shared."""
+    found = copy.deepcopy({each.name: getattr(solution, each.name) for each in fields(solution)})
+    for arc in found["arcs"]:
+        for values in (arc.t, arc.x, arc.u, arc.costate, arc.mesh, *arc.multipliers.values()):
+            values.setflags(write=False)
+    return type(solution)(**found)
