@@ -9,7 +9,6 @@ import resource
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable
@@ -316,14 +315,14 @@ def test_an_interrupted_solve_leaves_the_certified_result_and_says_where_the_oth
 
 def failing(patch: pytest.MonkeyPatch, folders: list[Path], number: int) -> None:
     """Have every new file in some folders fail, as on a disk that is full or has turned read-only."""
-    made = tempfile.mkstemp
+    made = os.open
 
-    def make(*given: Any, dir: Any = None, **named: Any) -> Any:  # noqa: A002 - as the library calls it
-        if dir is not None and Path(dir).resolve() in folders:
+    def make(path: Any, flags: int, *given: Any, **named: Any) -> int:
+        if flags & os.O_CREAT and Path(os.fsdecode(path)).parent.resolve() in folders:
             raise OSError(number, os.strerror(number))
-        return made(*given, dir=dir, **named)
+        return made(path, flags, *given, **named)
 
-    patch.setattr("tempfile.mkstemp", make)
+    patch.setattr("os.open", make)
 
 
 DISKS = {"full": errno.ENOSPC, "read-only": errno.EROFS, "out of quota": errno.EDQUOT, "broken": errno.EIO}
@@ -387,10 +386,11 @@ def test_a_report_that_cannot_be_written_says_where_the_result_is(
     def full(*_: Any, **__: Any) -> None:
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr("socp.cli.session.click.echo", full)
+    monkeypatch.setattr("socp.cli.streams.Streams.deliver", full)
     said = command(*QUICK)
     assert said.code == 5
-    assert said.err == f"error: standard output: {os.strerror(number)}; the result is in cart.socp.json\n"
+    text = f"error: the report cannot be written to standard output: {os.strerror(number)}\nwritten: cart.socp.json\n"
+    assert said.err == text
     assert Solution.load("cart.socp.json").stop is Stop.SOLVED
 
 

@@ -12,7 +12,6 @@ from rich.table import Table
 from rich.text import Text
 
 from socp import interruption
-from socp.cli.keeping import reporting
 from socp.cli.loading import load_problem
 from socp.cli.machine import lacking
 from socp.cli.options import shared
@@ -83,7 +82,7 @@ def compare(session: Session, /, problem: str, names: tuple[str, ...], given: tu
     with held(), recording(session, registry, posed, how["record"], runs=len(built)) as recorder:
         rows = _rows(registry, posed, built, recorder, quiet=quiet)
     best = best_of(rows)
-    with reporting(None):
+    with held():
         if how["as_json"]:
             write_json({"problem": posed.name, "best": best, "rows": [_record(posed, row, best) for row in rows]})
         else:

@@ -3,7 +3,7 @@
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, final
@@ -100,16 +100,3 @@ def _refuges(path: Path) -> Iterator[Path]:
     for folder in (tempfile.gettempdir, Path.home):
         with suppress(OSError, RuntimeError):  # no folder for temporary files can be written, or there is no home
             yield Path(folder()) / name
-
-
-@contextmanager
-def reporting(place: Place | None) -> Iterator[None]:
-    """Report while signals are held back; KeepingError says where the result is when standard output is full."""
-    with held():
-        try:
-            yield
-        except BrokenPipeError:
-            raise
-        except OSError as error:
-            kept = f"; the result is in {place.path}" if place else ""
-            raise KeepingError(f"standard output: {error.strerror or error}{kept}") from error

@@ -85,8 +85,9 @@ def writable(path: Path, option: str = "--out", *, replaced: bool = True) -> Pat
     """
     folder = path.parent
     try:
-        _nameable(path)
-        there, regular, directory = path.exists(), path.is_file(), path.is_dir()
+        there, regular, directory = os.path.exists(path), os.path.isfile(path), os.path.isdir(path)  # noqa: PTH110, PTH112, PTH113 - these never raise
+        if not directory:
+            _nameable(path)
     except (OSError, ValueError) as error:
         text = error.strerror or error if isinstance(error, OSError) else error
         raise MethodError(f"{option} {short(str(path))}: {text}; give another name") from error

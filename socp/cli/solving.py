@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import click
 
-from socp.cli.keeping import Place, keep, reporting
+from socp.cli.keeping import Place, keep
 from socp.cli.loading import load_guess, load_problem
 from socp.cli.options import DEFAULT_METHOD, pairs
 from socp.cli.outcome import outcome
@@ -86,7 +86,7 @@ def solve(session: Session, /, **given: Any) -> int:
         place = keep(problem, solution, path)
         session.written.append(place.path)
         recorder.finish(problem, solution)
-    with reporting(place):
+    with held():
         _show(problem, solution, place.path, as_json=asked.as_json)
     for line in registry.solved(problem, solution):
         session.warn(line)

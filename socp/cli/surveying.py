@@ -10,7 +10,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from socp.cli.keeping import Place, keep, reporting
+from socp.cli.keeping import Place, keep
 from socp.cli.loading import load_problem
 from socp.cli.progress import progress
 from socp.cli.session import Exit, Session, heading, messages, named_after, show, writable, write_json
@@ -69,7 +69,7 @@ def census(session: Session, /, **given: Any) -> int:
         if best is not None:
             place = keep(posed, replace(best, options={"starts": starts}, versions=versions()), path)
             session.written.append(place.path)
-    with reporting(place):
+    with held():
         if given["as_json"]:
             write_json({**_facts(posed, found), "result": str(place.path) if place else None})
         else:
@@ -197,7 +197,7 @@ def frontier(session: Session, /, **given: Any) -> int:
             options = {"max_switches": most, "dwell": dwell}
             place = keep(posed, replace(best, method="frontier", options=options, versions=versions()), path)
             session.written.append(place.path)
-    with reporting(place):
+    with held():
         if given["as_json"]:
             write_json({**_ladder(posed, found), "dwell": dwell, "result": str(place.path) if place else None})
         else:
