@@ -70,7 +70,7 @@ def test_json(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["check", "none.json"], 1, "none.json: No such file"),
         (["check", "cart.py"], 1, "cart.py: not a socp result"),
-        (["check", "cart.socp.json"], 3, "unknown problem 'cart'"),
+        (["check", "cart.socp.json"], 3, "problem 'cart' is not registered; give its file: --problem FILE"),
         (["check", "cart.socp.json", "--problem", "auv"], 1, "cart.socp.json"),
         (["check", "cart.socp.json", "--problem", "none.py"], 3, "none.py: No such file"),
     ],
