@@ -197,7 +197,7 @@ def useful(problem: "Problem") -> None:
     """
     place = f"problem '{problem.name}'"
     if not problem.control_names:
-        what = "no control; a problem to solve has one at least: bounds={u: (lower, upper)}, with u in a rate or in running"
+        what = "no control; a problem to solve has one at least: bounds={u: (lower, upper)}, u in a rate or in running"
         raise ProblemError(f"{place}: {what}")
     matters = [problem.lagrangian, problem.mayer]
     matters += [c.expression for c in problem.constraints] + [c.expression for c in problem.conditions]

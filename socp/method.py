@@ -59,7 +59,8 @@ def check_options(method: Method) -> None:
     hints = get_type_hints(type(method))
     for each in options(type(method)):
         value, kinds = getattr(method, each.name), get_args(hints[each.name]) or (hints[each.name],)
-        place, kind = f"{method.name}: {each.name}", next((kind for kind in kinds if kind in WANTED), None)
+        place = f"{method.name}: {each.name}"
+        kind = next((kind for kind in kinds if isinstance(kind, type) and kind in WANTED), None)
         if kind is None or (value is None and NoneType in kinds):
             continue
         if not _of(value, kind):

@@ -484,7 +484,7 @@ x, v = states("x v")
 u = controls("u")
 text = {STEERING!r}
 problem = Problem(
-    name="..." + text.replace("/", ""), title=text, minimise=final_time, dynamics={{x: v, v: u}}, bounds={{u: (-1, 1)}},
+    name="... [bold]cart[bold]", title=text, minimise=final_time, dynamics={{x: v, v: u}}, bounds={{u: (-1, 1)}},
     start={{x: 0, v: 0}}, end={{v: 0}}, target={{"end " + text: x == 1}}, units={{x: text}}, source=text,
 )
 """
