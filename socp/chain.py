@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from socp import pmp
+from socp.errors import ProblemError
 from socp.given import check_laws
 from socp.method import Method, check_options, options
 from socp.nlp import Watch, silent
@@ -30,6 +31,7 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
     check_laws(problem)
     solution = method.solve(problem, guess, watch)
     solution = replace(solution, method=method.name, options=described(method), versions=versions())
+    solution = carrying(problem, solution)
     try:
         return judge(problem, solution)
     except KeyboardInterrupt:  # what has been solved is not lost for want of a judgement
@@ -37,7 +39,8 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
 
 
 def judge(problem: Problem, solution: Solution) -> Solution:
-    """Return a solution with its structure, its verification and its verdict, all worked out anew."""
+    """Return a solution with its structure, its verification, its verdict and its problem, all worked out anew."""
+    solution = carrying(problem, solution)
     if not all(np.isfinite(arc.x).all() and np.isfinite(arc.u).all() for arc in solution.arcs):
         verdict = Verdict(miss=float("inf"), notes=("the solution is not finite",))
         return replace(solution, verified=(), verdict=verdict)
@@ -51,6 +54,14 @@ def judge(problem: Problem, solution: Solution) -> Solution:
         verdict, arcs = Verdict(miss=miss, notes=(f"the principle could not be judged: {error}",)), solution.arcs
     seconds = {"verify": integrated - began, "judge": time.perf_counter() - integrated}
     return replace(solution, arcs=arcs, verdict=verdict, seconds={**solution.seconds, **seconds})
+
+
+def carrying(problem: Problem, solution: Solution) -> Solution:
+    """Return a solution that carries the statement of its problem, or the reason why it cannot."""
+    try:
+        return replace(solution, statement=problem.statement, unstated="")
+    except ProblemError as error:
+        return replace(solution, statement=None, unstated=str(error))
 
 
 def described(method: Method) -> dict[str, Any]:

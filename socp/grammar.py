@@ -63,7 +63,8 @@ def read(nodes: Sequence[Node], symbols: Mapping[str, Expr]) -> list[Expr]:
             found.append(casadi.SX(float(node)))
         else:
             code, arguments = _CODES[str(node[0])], [found[int(place)] for place in node[1:]]
-            found.append(casadi.SX.unary(code, *arguments) if len(arguments) == 1 else casadi.SX.binary(code, *arguments))
+            apply = casadi.SX.unary if len(arguments) == 1 else casadi.SX.binary
+            found.append(apply(code, *arguments))
     return found
 
 
@@ -92,7 +93,7 @@ def _depth(k: int, node: Any, names: Mapping[str, Any], depths: list[int]) -> in
         raise ProblemError(f"nodes[{k}]: {_shown(node)} is no number, no symbol and no operation with its arguments")
     for place in node[1:]:
         if isinstance(place, bool) or not isinstance(place, int) or not 0 <= place < k:
-            raise ProblemError(f"nodes[{k}]: argument {_shown(place)} of {node[0]} is not the place of an earlier entry")
+            raise ProblemError(f"nodes[{k}]: argument {_shown(place)} of {node[0]} is no place of an earlier entry")
     return 1 + max(depths[place] for place in node[1:])
 
 

@@ -48,7 +48,8 @@ def written(problem: "Problem") -> Data:
         elif names:
             data[table].setdefault(names[0], {})[names[1]] = place
     data |= {table: _intervals(getattr(problem, table)) for table in _NUMBERS}
-    data |= {each: list(map(stated.spelled, interval(getattr(problem, each)))) for each in ("initial_time", "final_time")}
+    for each in ("initial_time", "final_time"):
+        data[each] = list(map(stated.spelled, interval(getattr(problem, each))))
     return {"fingerprint": stated.fingerprint(data), "name": problem.name, **data, "about": about}
 
 

@@ -15,7 +15,18 @@ from socp.parts import Condition, Constraint, Reference
 from socp.ranges import interval, rows
 from socp.scene import Scene
 from socp.symbols import (
-    Expr, column, controls, declared, final_time, free, initial, initial_time, parameters, relation, states, time,
+    Expr,
+    column,
+    controls,
+    declared,
+    final_time,
+    free,
+    initial,
+    initial_time,
+    parameters,
+    relation,
+    states,
+    time,
 )  # fmt: skip
 
 __all__ = [

@@ -19,10 +19,11 @@ Limit = float | Literal["inf", "-inf"]
 Interval = tuple[Limit, Limit]
 Nodes = list[grammar.Node]
 
+_SCENE = {"plane": (2,), "flow": (0, 2), "heading": (0, 1)}  # how many expressions there are to each
 OUTSIDE = ("fingerprint", "name", "about")  # of a statement: what its fingerprint is not of
 
 
-class Record(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+class Record(msgspec.Struct, forbid_unknown_fields=True):
     """A record whose fields are all there are."""
 
 
@@ -45,7 +46,7 @@ class About(Record):
     units: dict[Name, str]
     nodes: Nodes
     guess: dict[Name, list[Place]]
-    scene: dict[Literal["plane", "flow", "heading"], list[Place]] | None
+    scene: dict[Name, list[Place]] | None
     target: tuple[float, float, float] | None
 
 
@@ -155,11 +156,16 @@ def _names(statement: Statement) -> None:
                 raise ProblemError(f"{table}: no symbol '{name}' goes here; there are {', '.join(allowed) or 'none'}")
     if list(statement.dynamics) != statement.states:
         raise ProblemError("dynamics: not one rate for each of the states, in their order")
-    for each, count in (("plane", (2, 2)), ("flow", (0, 2)), ("heading", (0, 1))):
-        scene = statement.about.scene
-        if scene is not None and len(scene.get(each, ())) not in count:
-            raise ProblemError(f"about.scene.{each}: {len(scene.get(each, ()))} expressions")
-    for name, parts in statement.about.guess.items():
+    _counts(statement.about)
+
+
+def _counts(about: About) -> None:
+    """Check how many expressions there are to the parts of a scene and to a guess."""
+    if about.scene is not None:
+        for each in dict.fromkeys([*_SCENE, *about.scene]):
+            if len(about.scene.get(each, [])) not in _SCENE.get(each, ()):
+                raise ProblemError(f"about.scene.{each}: {len(about.scene.get(each, []))} expressions")
+    for name, parts in about.guess.items():
         if len(parts) not in {1, 2}:
             raise ProblemError(f"about.guess.{name}: {len(parts)} values where one or two are needed")
 
@@ -173,7 +179,7 @@ def _places(statement: Statement) -> Iterator[tuple[str, int, Nodes]]:
         for name, value in getattr(statement, table).items():
             for place in value.values() if isinstance(value, dict) else [value]:
                 yield f"{table}.{name}", place, statement.nodes
-    tables = {"guess": statement.about.guess, "scene": statement.about.scene or {}}
-    for table, its in tables.items():
-        for name, places in its.items():
-            yield from ((f"about.{table}.{name}", place, statement.about.nodes) for place in places)
+    about = statement.about
+    drawn = [(f"scene.{name}", places) for name, places in (about.scene or {}).items()]
+    for name, places in [*drawn, *((f"guess.{name}", places) for name, places in about.guess.items())]:
+        yield from ((f"about.{name}", place, about.nodes) for place in places)

@@ -7,7 +7,8 @@ from typing import Literal, final
 
 import click
 
-from socp.cli.loading import load_problem, load_result
+from socp.cli.loading import load_problem
+from socp.cli.opening import open_result, unknown
 from socp.cli.session import Exit, Session
 from socp.entries import suggest
 from socp.errors import MethodError
@@ -42,11 +43,9 @@ def _result(session: Session, asked: Asked, path: Path) -> None:
     from socp.solution import write_atomic
     from socp.tabular import WRITERS
 
-    solution, problem = load_result(asked.source, asked.problem, session.registry())
+    solution, problem = open_result(session, asked.source, asked.problem)
     if problem is None:
-        session.note(
-            f"problem '{solution.problem}' is not registered: no units and no switching functions; give --problem FILE"
-        )
+        session.note(f"no units and no switching functions: {unknown(solution)}")
     write_atomic(path, WRITERS[_chosen(asked)](solution, problem))
 
 
@@ -74,7 +73,7 @@ FORMATS: Mapping[str, Format] = {
 @click.argument("source", metavar="SOURCE")
 @click.option("--format", metavar="|".join(FORMATS), help="Format.  [default: by the ending of the file]")
 @click.option("-o", "--out", metavar="FILE", help="File.  [default: SOURCE with the ending of the format]")
-@click.option("--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: the name in the result]")
+@click.option("--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: that of the result]")
 @click.option("--switches", type=int, default=4, show_default=True, help="Most switches of a problem's programme.")
 @click.option("--points", type=int, default=8, show_default=True, help="Its collocation points an arc.")
 @click.pass_obj
