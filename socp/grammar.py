@@ -6,6 +6,7 @@ expression has different parts, however often they are used.
 """
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -86,7 +87,7 @@ def _depth(k: int, node: Any, names: Mapping[str, Any], depths: list[int]) -> in
             raise ProblemError(f"nodes[{k}]: no symbol '{node}'; there are {', '.join(names)}")
         return 0
     if isinstance(node, (int, float)) and not isinstance(node, bool):
-        if not abs(node) < math.inf:
+        if not abs(node) <= sys.float_info.max:
             raise ProblemError(f"nodes[{k}]: {node} where a finite number is needed")
         return 0
     if not isinstance(node, (list, tuple)) or not node or ARITY.get(str(node[0])) != len(node) - 1:
