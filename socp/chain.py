@@ -59,9 +59,9 @@ def judge(problem: Problem, solution: Solution) -> Solution:
 def carrying(problem: Problem, solution: Solution) -> Solution:
     """Return a solution that carries the statement of its problem, or the reason why it cannot."""
     try:
-        return replace(solution, statement=problem.statement, unstated="")
+        return replace(solution, problem=problem.name, statement=problem.statement, unstated="")
     except ProblemError as error:
-        return replace(solution, statement=None, unstated=str(error))
+        return replace(solution, problem=problem.name, statement=None, unstated=str(error))
 
 
 def described(method: Method) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,39 +29,50 @@ def document(text: str) -> dict[str, Any]:
         raise ProblemError(f"schema: {_shown(found.get('schema', 'none'))}; this socp reads schemas {known}")
     result = stated.converted(found, Result)
     _texts(result)
+    if result.statement is not None:
+        _statement(result, result.statement)
     for k, arc in enumerate(result.arcs):
         _arc(f"arcs[{k}]", arc, result)
     _in_order(result.arcs)
     _structure(result)
     if result.statement is not None:
-        try:
-            stated.check(result.statement)
-        except ProblemError as error:
-            raise ProblemError(f"statement.{error}") from error
-        names = [result.statement[f"{kind}s"] for kind in ("state", "control", "parameter")]
-        agree(result, names, stated.constraint_names(result.statement))
+        follow(result, stated.constraint_names(result.statement))
     return found
 
 
-def agree(result: Any, names: list[Any], constraints: list[str]) -> None:
-    """Raise ProblemError where a result, or a solution, is not one of a problem of these names and constraints.
+def named(result: Any, names: Mapping[str, Sequence[str]]) -> None:
+    """Raise ProblemError where the fields of a result, or of a solution, hold other names than those of its problem.
 
-    `names` are those of states, controls and parameters.
+    `names` are by field: state_names, control_names and parameters.
     """
-    for kind, its, wanted in zip(
-        ("state", "control", "parameter"), (result.state_names, result.control_names, result.parameters), names,
-        strict=True,
-    ):  # fmt: skip
-        if list(its) != list(wanted) and (kind != "parameter" or sorted(its) != sorted(wanted)):
+    for field, wanted in names.items():
+        its = list(getattr(result, field))
+        if its != list(wanted) and (field != "parameters" or sorted(its) != sorted(wanted)):
             has, needs = (", ".join(each) or "none" for each in (its, wanted))
-            raise ProblemError(f"its {kind}s are {has}, but those of its problem are {needs}")
+            raise ProblemError(f"{field}: {has}; those of its problem are {needs}")
+
+
+def follow(result: Any, constraints: Sequence[str]) -> None:
+    """Raise ProblemError where arcs of a result, or of a solution, name other constraints than those of its problem."""
     for k, arc in enumerate(result.arcs):
-        modes = (Mode.parse(text).constraint for text in arc.modes)
-        for field, its in (("modes", (each for each in modes if each)), ("multipliers", arc.multipliers)):
+        modes = [Mode.parse(text).constraint for text in arc.modes]
+        for field, its in (("modes", [each for each in modes if each]), ("multipliers", arc.multipliers)):
             for name in its:
                 if name not in constraints:
                     there = ", ".join(constraints) or "none"
                     raise ProblemError(f"arcs[{k}].{field}: no state constraint '{name}'; there are {there}")
+
+
+def _statement(result: Result, statement: Mapping[str, Any]) -> None:
+    """Check the statement that a result carries, and that it is the one of the result's own problem."""
+    try:
+        stated.check(statement)
+    except ProblemError as error:
+        raise ProblemError(f"statement.{error}") from error
+    if result.problem != statement["name"]:
+        raise ProblemError(f"statement.name: '{statement['name']}', but the problem is called '{result.problem}'")
+    fields = (("state_names", "states"), ("control_names", "controls"), ("parameters", "parameters"))
+    named(result, {field: statement[each] for field, each in fields})
 
 
 def _strict(text: str) -> Any:

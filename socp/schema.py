@@ -74,7 +74,7 @@ class Verdict(Record):
     ringing: dict[str, Number]
     objective_error: Number
     switch_errors: list[tuple[float, Number]]
-    digits: int
+    digits: Count
     chattering: list[str]
     notes: list[str]
 

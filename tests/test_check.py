@@ -70,7 +70,7 @@ def test_json(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["check", "none.json"], 1, "none.json: No such file"),
         (["check", "cart.py"], 1, "cart.py: not a socp result"),
-        (["check", "old.json"], 3, "old.json: the result carries no statement of its problem 'cart', and no such problem"),
+        (["check", "old.json"], 3, "old.json: the result carries no statement of its problem 'cart', and no such"),
         (["check", "cart.socp.json", "--problem", "auv"], 1, "cart.socp.json"),
         (["check", "cart.socp.json", "--problem", "none.py"], 3, "none.py: No such file"),
     ],

@@ -37,8 +37,8 @@ def solution_of(*arcs: Arc, **changes: Any) -> Solution:
         f"{kind}_names": tuple(f"{kind[0]}{k}" for k in range(len(getattr(arcs[0], which)))) if arcs else ()
         for kind, which in (("state", "x"), ("control", "u"))
     }
-    parts: dict[str, Any] = {"problem": "p", "method": "m", "arcs": arcs, "objective": 1.0, "stop": Stop.SOLVED, **names}
-    return Solution(**parts | changes)
+    parts: dict[str, Any] = {"problem": "p", "method": "m", "arcs": arcs, "objective": 1.0, "stop": Stop.SOLVED}
+    return Solution(**parts | names | changes)
 
 
 

@@ -26,9 +26,8 @@ def open_result(
     from socp.problem import Problem
     from socp.solution import Solution
 
+    solution, own = Solution.load(path), None
     registry = registry or session.registry()
-    solution = Solution.load(path)
-    own = None
     if solution.statement is not None:
         try:
             own = Problem.from_statement(solution.statement)
@@ -71,11 +70,10 @@ def _registered(name: str, registry: "Registry") -> "Problem | None":
 
 def _agreeing(path: str, solution: "Solution", problem: "Problem") -> "Solution":
     """Return a saved result as it is; SolveError where its arcs follow constraints that the problem does not have."""
-    from socp.consistency import agree
+    from socp.consistency import follow
 
-    names = [problem.state_names, problem.control_names, problem.parameter_names]
     try:
-        agree(solution, names, [constraint.name for constraint in problem.constraints])
+        follow(solution, [constraint.name for constraint in problem.constraints])
     except ProblemError as error:
         raise SolveError(f"{path}: {error}") from error
     return solution
