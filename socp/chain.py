@@ -49,7 +49,7 @@ def judge(problem: Problem, solution: Solution) -> Solution:
     integrated = time.perf_counter()
     try:
         verdict, arcs = pmp.certify(problem, solution)
-    except (np.linalg.LinAlgError, ValueError, ArithmeticError) as error:
+    except (np.linalg.LinAlgError, ValueError, ArithmeticError, RecursionError) as error:
         miss = max((f.worst for f in solution.verified), default=float("inf"))
         verdict, arcs = Verdict(miss=miss, notes=(f"the principle could not be judged: {error}",)), solution.arcs
     seconds = {"verify": integrated - began, "judge": time.perf_counter() - integrated}

@@ -50,7 +50,12 @@ def written(problem: "Problem") -> Data:
     data |= {table: _intervals(getattr(problem, table)) for table in _NUMBERS}
     for each in ("initial_time", "final_time"):
         data[each] = list(map(stated.spelled, interval(getattr(problem, each))))
-    return {"fingerprint": stated.fingerprint(data), "name": problem.name, **data, "about": about}
+    data = {"fingerprint": stated.fingerprint(data), "name": problem.name, **data, "about": about}
+    try:
+        stated.check(data)  # what is written can be read
+    except ProblemError as error:
+        raise ProblemError(f"problem '{problem.name}' cannot be written as data: {error}") from error
+    return data
 
 
 def differences(one: "Problem", other: "Problem") -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from socp import consistency
 from socp.arc import Arc
 from socp.errors import ProblemError, SolveError
 from socp.records import Agreement, Feasibility, Node
-from socp.stated import number
+from socp.stated import number, shown
 from socp.verdict import Finding, Verdict
 
 SCHEMA = 2  # version of the result file that is written
@@ -36,7 +36,7 @@ def read(text: str, solution: Callable[..., T], stops: Any) -> T:
         document = consistency.document(text)
         stop = _stop(document["stop"], stops)
     except ProblemError as error:
-        raise SolveError(f"not a socp result: {error}") from error
+        raise SolveError(f"not a socp result: {shown(error)}") from error
     given = {name: value for name, value in document.items() if name not in {"schema", *_DERIVED}}
     return solution(**{**given, **_fields(document), "stop": stop})
 

@@ -20,6 +20,7 @@ Interval = tuple[Limit, Limit]
 Nodes = list[grammar.Node]
 
 _SCENE = {"plane": (2,), "flow": (0, 2), "heading": (0, 1)}  # how many expressions there are to each
+_LONGEST = 500  # characters of a message: what is wrong is said in fewer, the rest is what a file put there
 OUTSIDE = ("fingerprint", "name", "about")  # of a statement: what its fingerprint is not of
 
 
@@ -89,7 +90,8 @@ def check(data: Any) -> None:
     """Raise ProblemError, naming the field, for data that is no statement; whether its problem is one is not asked."""
     statement = converted(data, Statement)
     _names(statement)
-    known = dict.fromkeys(names(data))
+    _texts(statement)
+    known = dict.fromkeys(names(statement))
     grammar.check(statement.nodes, known)
     try:
         grammar.check(statement.about.nodes, known)
@@ -102,6 +104,13 @@ def check(data: Any) -> None:
         raise ProblemError("fingerprint: it is not that of the statement, which was changed after it was written")
 
 
+def shown(error: object) -> str:
+    """Return what a message quotes of a file: short, and nothing in it that a terminal would obey."""
+    text = str(error)
+    text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+    return "".join(each if each.isprintable() else repr(each)[1:-1] for each in text)
+
+
 def fingerprint(data: Mapping[str, Any]) -> str:
     """Return the sha256 of a statement's canonical JSON: keys in order, no blanks, without what defines nothing."""
     defining = {key: value for key, value in data.items() if key not in OUTSIDE}
@@ -109,9 +118,10 @@ def fingerprint(data: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def names(data: Mapping[str, Any]) -> list[str]:
+def names(statement: Statement) -> list[str]:
     """Return the names of all symbols that a statement's expressions may hold."""
-    return [*data["states"], *data["controls"], *data["parameters"], "t", "t0", "tf", *map(at_start, data["states"])]
+    declared = [*statement.states, *statement.controls, *statement.parameters]
+    return [*declared, "t", "t0", "tf", *map(at_start, statement.states)]
 
 
 def at_start(state: str) -> str:
@@ -157,6 +167,20 @@ def _names(statement: Statement) -> None:
     if list(statement.dynamics) != statement.states:
         raise ProblemError("dynamics: not one rate for each of the states, in their order")
     _counts(statement.about)
+
+
+def _texts(statement: Statement) -> None:
+    """Check that names can be printed, and that other texts hold nothing that a terminal would obey."""
+    about = statement.about
+    laws = [each for each in statement.boundary.values() if isinstance(each, dict)]
+    tables = (statement.path, statement.target, *laws)
+    for name in [statement.name, *names(statement), *(name for table in tables for name in table)]:
+        if not name.isprintable():
+            raise ProblemError(f"{name!r} where a name is needed")
+    reference = [] if about.reference is None else [about.reference.word, about.reference.source]
+    for text in [about.title, about.source, *about.units.values(), *reference]:
+        if not all(line.isprintable() for line in text.replace("\t", " ").split("\n")):
+            raise ProblemError(f"about: {text!r} has control characters")
 
 
 def _counts(about: About) -> None:

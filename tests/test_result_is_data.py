@@ -48,7 +48,8 @@ sys.addaudithook(watch)
 from socp.cli import main
 codes = [main(each) for each in json.loads(sys.argv[1])]
 text = lambda each: each.decode(errors="replace") if isinstance(each, bytes) else str(each)
-json.dump({"codes": codes, "path": [each for each in sys.path if each], "seen": [(event, text(what)) for event, what in seen]}, sys.stderr)
+found = [(event, text(what)) for event, what in seen]
+json.dump({"codes": codes, "path": [each for each in sys.path if each], "seen": found}, sys.stderr)
 """
 
 
@@ -104,7 +105,7 @@ def test_no_other_file_is_opened_and_nothing_of_it_is_run(genuine: str, tmp_path
         if event in {"exec", "compile", "import"}:
             assert str(tmp_path) not in what
             assert Path(what).name not in {"auv.py", "cart.py"} or str(ROOT) in what
-        elif event == "open":
+        elif event == "open" and what not in told["path"]:  # an editable install puts a name there that is no folder
             path = Path(os.path.abspath(here / what)) if what else here / "r0.json"  # noqa: PTH100 - links stay
             if path.is_relative_to(here):
                 assert path.name in asked or path.name.split(".part")[0][:2] in {"r0", "r1", "r2", "r3", "r4", "ol"}

@@ -390,6 +390,13 @@ def test_names_that_are_code_stay_names() -> None:
             Problem.from_statement(broken(lambda s, name=name: s.update(states=[name, "v", "w"])))
 
 
+@pytest.mark.parametrize("changes", [{"title": "\x1b[31m"}, {"name": "a\nb"}, {"path": {"\x07": x <= 9}},
+                                     {"units": {x: "\x00"}}, {"target": {"n" * 201: x <= 9}}])  # fmt: skip
+def test_what_could_not_be_read_is_not_written(changes: dict[str, Any]) -> None:
+    with pytest.raises(ProblemError, match="cannot be written as data"):
+        _ = everything(boundary={}, **changes).statement
+
+
 def external() -> Problem:
     """Return a problem that calls a function which casadi cannot write out."""
     hidden = casadi.Function("hidden", [a], [casadi.sin(a)], {"never_inline": True})

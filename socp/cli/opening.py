@@ -25,6 +25,7 @@ def open_result(
     """
     from socp.problem import Problem
     from socp.solution import Solution
+    from socp.stated import shown
 
     solution, own = Solution.load(path), None
     registry = registry or session.registry()
@@ -32,7 +33,7 @@ def open_result(
         try:
             own = Problem.from_statement(solution.statement)
         except ProblemError as error:
-            raise SolveError(f"{path}: its statement is no problem: {error}") from error
+            raise SolveError(f"{path}: its statement is no problem: {shown(error)}") from error
     if given is not None:
         problem = load_problem(given, registry)
         if own is not None:
@@ -56,7 +57,9 @@ def open_result(
 
 def unknown(solution: "Solution") -> str:
     """Return why a saved result is without a problem, and what to do."""
-    reason = f" ({solution.unstated})" if solution.unstated else ""
+    from socp.stated import shown
+
+    reason = f" ({shown(solution.unstated)})" if solution.unstated else ""
     lacking = f"the result carries no statement of its problem '{solution.problem}'{reason}"
     return f"{lacking}, and no such problem is registered; give --problem FILE"
 
