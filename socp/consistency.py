@@ -54,11 +54,12 @@ def named(result: Any, names: Mapping[str, Sequence[str]]) -> None:
 
 def follow(result: Any, constraints: Sequence[str]) -> None:
     """Raise ProblemError where arcs of a result, or of a solution, name other constraints than those of its problem."""
+    known = set(constraints)
     for k, arc in enumerate(result.arcs):
         modes = [Mode.parse(text).constraint for text in arc.modes]
         for field, its in (("modes", [each for each in modes if each]), ("multipliers", arc.multipliers)):
             for name in its:
-                if name not in constraints:
+                if name not in known:
                     there = ", ".join(constraints) or "none"
                     raise ProblemError(f"arcs[{k}].{field}: no state constraint '{name}'; there are {there}")
 
@@ -93,8 +94,7 @@ def _strict(text: str) -> Any:
 def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        raise ProblemError(f"'{next(name for name in names if names.count(name) > 1)}' is there twice in one table")
+        raise ProblemError(f"'{stated.repeated([name for name, _ in pairs])}' is there twice in one table")
     return found
 
 
@@ -114,10 +114,9 @@ def _texts(result: Result) -> None:
         for text in texts:
             if not text.isprintable():
                 raise ProblemError(f"{field}: {text!r} where a name is needed")
-    together = [*result.state_names, *result.control_names, *result.parameters]
-    for k, name in enumerate(together):
-        if name in together[:k]:
-            raise ProblemError(f"state_names, control_names, parameters: the name '{name}' is there twice")
+    twice = stated.repeated([*result.state_names, *result.control_names, *result.parameters])
+    if twice is not None:
+        raise ProblemError(f"state_names, control_names, parameters: the name '{twice}' is there twice")
     if not result.state_names:
         raise ProblemError("state_names: none")
     for name, value in result.parameters.items():

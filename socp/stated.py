@@ -20,6 +20,7 @@ Interval = tuple[Limit, Limit]
 Nodes = list[grammar.Node]
 
 _SCENE = {"plane": (2,), "flow": (0, 2), "heading": (0, 1)}  # how many expressions there are to each
+_MOST = 10_000  # symbols: a state of each point of a fine grid in a plane; the judge's algebra ends long before
 _LONGEST = 500  # characters of a message: what is wrong is said in fewer, the rest is what a file put there
 OUTSIDE = ("fingerprint", "name", "about")  # of a statement: what its fingerprint is not of
 
@@ -104,6 +105,16 @@ def check(data: Any) -> None:
         raise ProblemError("fingerprint: it is not that of the statement, which was changed after it was written")
 
 
+def repeated(names: list[str]) -> str | None:
+    """Return the first name that is there twice, if any."""
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            return name
+        seen.add(name)
+    return None
+
+
 def shown(error: object) -> str:
     """Return what a message quotes of a file: short, and nothing in it that a terminal would obey."""
     text = str(error)
@@ -151,9 +162,11 @@ def number(value: Any) -> float:
 def _names(statement: Statement) -> None:
     """Check that names tell symbols apart, and that tables hold names of the right kind."""
     symbols = [*statement.states, *statement.controls, *statement.parameters]
-    for k, name in enumerate(symbols):
-        if name in symbols[:k]:
-            raise ProblemError(f"states, controls, parameters: the name '{name}' is there twice")
+    twice = repeated(symbols)
+    if twice is not None:
+        raise ProblemError(f"states, controls, parameters: the name '{twice}' is there twice")
+    if len(symbols) > _MOST:
+        raise ProblemError(f"states, controls, parameters: {len(symbols)} where at most {_MOST} are allowed")
     kinds = (
         ("dynamics", statement.states), ("start", statement.states), ("end", statement.states), ("bounds", symbols),
         ("singular", statement.controls), ("boundary", statement.controls), ("about.guess", [*symbols, "t0", "tf"]),
@@ -161,9 +174,10 @@ def _names(statement: Statement) -> None:
     )  # fmt: skip
     for table, allowed in kinds:
         its = getattr(statement.about, table[6:]) if table.startswith("about.") else getattr(statement, table)
-        for name in its:
-            if name not in allowed:
-                raise ProblemError(f"{table}: no symbol '{name}' goes here; there are {', '.join(allowed) or 'none'}")
+        strange = its.keys() - set(allowed)
+        if strange:
+            its_names = ", ".join(allowed) or "none"
+            raise ProblemError(f"{table}: no symbol '{min(strange)}' goes here; there are {its_names}")
     if list(statement.dynamics) != statement.states:
         raise ProblemError("dynamics: not one rate for each of the states, in their order")
     _counts(statement.about)
