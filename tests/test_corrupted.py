@@ -391,6 +391,29 @@ def test_claims_change_nothing(claim: str, genuine: dict[str, str], check: Any) 
         unharmed(check(document))
 
 
+UNKNOWN: dict[str, Callable[[Document], Any]] = {
+    "a control infinite": FORGED["a control infinite"], "a state of 1e149": FORGED["a state of 1e149"],
+    "no state known": lambda d: each_arc(d, lambda arc: arc["x"].__setitem__(0, [None] * len(arc["t"]))),
+    "no control finite": lambda d: each_arc(d, lambda arc: arc["u"].__setitem__(0, ["inf"] * len(arc["t"]))),
+    "no structure": CLAIMS["no structure"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("change", UNKNOWN)
+def test_what_is_not_known_is_left_out_of_figures_and_tables(
+    change: str, genuine: dict[str, str], check: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    document = json.loads(genuine["double_integrator_vlimit"])
+    UNKNOWN[change](document)
+    Path("torn.json").write_text(json.dumps(document))
+    assert main(["plot", "torn.json"]) == 0
+    assert main(["export", "torn.json", "--format", "csv"]) == 0
+    assert "error" not in capsys.readouterr().err
+    assert Path("torn.svg").stat().st_size > 1000
+    assert len(Path("torn.csv").read_text().splitlines()) > sum(len(arc["t"]) for arc in document["arcs"])
+    assert check(document).code in {0, 1}
+
+
 # -- files
 
 
