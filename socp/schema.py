@@ -94,7 +94,7 @@ class Result(Record):
     switches: list[float]
     extremal: bool | None
     problem: Name
-    method: Name
+    method: str  # empty where nobody has stamped it
     arcs: Annotated[list[Arc], msgspec.Meta(min_length=1)]
     objective: Number
     stop: str
