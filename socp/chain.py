@@ -41,14 +41,17 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
 def judge(problem: Problem, solution: Solution) -> Solution:
     """Return a solution with its structure, its verification, its verdict and its problem, all worked out anew."""
     solution = carrying(problem, solution)
-    if not all(np.isfinite(arc.x).all() and np.isfinite(arc.u).all() for arc in solution.arcs):
+    values = [*(each for arc in solution.arcs for each in (arc.x, arc.u)), list(solution.parameters.values())]
+    if not all(np.isfinite(each).all() for each in values):
         verdict = Verdict(miss=float("inf"), notes=("the solution is not finite",))
         return replace(solution, verified=(), verdict=verdict)
     began = time.perf_counter()
-    solution = replace(solution, structure=structure(problem, solution), verified=verify(problem, solution))
+    with np.errstate(all="ignore"):  # what overflows is infinite or nan, and no condition holds with either
+        solution = replace(solution, structure=structure(problem, solution), verified=verify(problem, solution))
     integrated = time.perf_counter()
     try:
-        verdict, arcs = pmp.certify(problem, solution)
+        with np.errstate(all="ignore"):
+            verdict, arcs = pmp.certify(problem, solution)
     except (np.linalg.LinAlgError, ValueError, ArithmeticError, RecursionError) as error:
         miss = max((f.worst for f in solution.verified), default=float("inf"))
         verdict, arcs = Verdict(miss=miss, notes=(f"the principle could not be judged: {error}",)), solution.arcs

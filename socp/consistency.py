@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -120,7 +121,7 @@ def _texts(result: Result) -> None:
     if not result.state_names:
         raise ProblemError("state_names: none")
     for name, value in result.parameters.items():
-        if not abs(value) <= LARGEST:
+        if LARGEST < abs(stated.number(value)) < math.inf:
             raise ProblemError(f"parameters.{name}: {value} where at most {LARGEST:g} is allowed")
 
 

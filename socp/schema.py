@@ -11,7 +11,6 @@ _COUNT = 2**63 - 1  # what a machine's integer holds
 Row = list[Number]
 Matrix = list[Row]
 Count = Annotated[int, msgspec.Meta(ge=0, le=_COUNT)]
-Scalar = str | int | float | bool | None
 
 
 class Arc(Record):
@@ -101,8 +100,8 @@ class Result(Record):
     message: str
     state_names: list[Name]
     control_names: list[Name]
-    parameters: dict[Name, float]
-    options: dict[str, Scalar]
+    parameters: dict[Name, Number]
+    options: dict[str, Any]
     versions: dict[str, str]
     iterations: Count
     seconds: dict[str, Number]
@@ -111,7 +110,7 @@ class Result(Record):
     verified: list[Feasibility]
     verdict: Verdict | None
     nodes: list[Node]
-    meshes: list[list[float]]
+    meshes: Matrix
     agreement: Agreement | None
     statement: dict[str, Any] | None = None
     unstated: str = ""

@@ -414,6 +414,16 @@ def test_what_is_not_known_is_left_out_of_figures_and_tables(
     assert check(document).code in {0, 1}
 
 
+@pytest.mark.parametrize("value", [None, "inf", 0.0, -1e149, 1.001])
+def test_another_parameter_is_not_certified(value: Any, genuine: dict[str, str], check: Any) -> None:
+    uncertified(check(changed(genuine["parameter"], ("parameters", "p"), value)))
+
+
+@pytest.mark.parametrize("value", ["text", 1e308, [1.0], {}, True])
+def test_what_is_no_parameter_is_refused(value: Any, genuine: dict[str, str], check: Any) -> None:
+    refused(check(changed(genuine["parameter"], ("parameters", "p"), value)), "parameters")
+
+
 # -- files
 
 
