@@ -85,7 +85,8 @@ def lagrange(nodes: np.ndarray, values: np.ndarray, t: np.ndarray) -> np.ndarray
     terms = weights / distance
     total = terms.sum(axis=1, keepdims=True)
     total[hit.any(axis=1)] = 1.0  # at a node the sum means nothing, and may be zero
-    result: np.ndarray = ((terms @ values.T) / total).T
+    with np.errstate(invalid="ignore"):  # an infinite value is nan but at its own node
+        result: np.ndarray = ((terms @ values.T) / total).T
     where, node = np.nonzero(hit)
     result[:, where] = values[:, node]
     return result

@@ -12,7 +12,7 @@ import numpy as np
 
 from socp import checks, pmp
 from socp.arc import Arc
-from socp.errors import ContractError
+from socp.errors import ContractError, ProblemError
 from socp.given import check_laws
 from socp.interruption import breakable, give_way, held
 from socp.method import Method, check_options, options
@@ -29,7 +29,7 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
 
     Ctrl-C while it is judged gives the solution without a verdict.
     Raises MethodError for options out of range and for what the method cannot try, ProblemError for a wrong
-    user-given law and for controls that have no use, ContractError for a method that returns no solution of the problem.
+    user-given law and for controls that have no use, ContractError for a method that returns no solution of it.
     """
     check_options(method)
     checks.useful(problem)
@@ -45,6 +45,7 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
     with held():  # what has been solved is not lost for want of a judgement
         solution = checked(method.name, problem, solved[0])
         solution = replace(solution, method=method.name, options=described(method), versions=versions())
+        solution = carrying(problem, solution)
         with suppress(KeyboardInterrupt), breakable():
             return judge(problem, solution)
     return solution
@@ -88,20 +89,32 @@ def _faults(problem: Problem, solution: Any) -> Iterator[str]:
 
 
 def judge(problem: Problem, solution: Solution) -> Solution:
-    """Return a solution with its structure, its verification and its verdict, all worked out anew."""
-    if not all(np.isfinite(arc.x).all() and np.isfinite(arc.u).all() for arc in solution.arcs):
+    """Return a solution with its structure, its verification, its verdict and its problem, all worked out anew."""
+    solution = carrying(problem, solution)
+    values: list[Any] = [*(each for arc in solution.arcs for each in (arc.x, arc.u)), list(solution.parameters.values())]
+    if not all(np.isfinite(each).all() for each in values):
         verdict = Verdict(miss=float("inf"), notes=("the solution is not finite",))
         return replace(solution, verified=(), verdict=verdict)
     began = time.perf_counter()
-    solution = replace(solution, structure=structure(problem, solution), verified=verify(problem, solution))
+    with np.errstate(all="ignore"):  # what overflows is infinite or nan, and no condition holds with either
+        solution = replace(solution, structure=structure(problem, solution), verified=verify(problem, solution))
     integrated = time.perf_counter()
     try:
-        verdict, arcs = pmp.certify(problem, solution)
-    except (np.linalg.LinAlgError, ValueError, ArithmeticError) as error:
+        with np.errstate(all="ignore"):
+            verdict, arcs = pmp.certify(problem, solution)
+    except (np.linalg.LinAlgError, ValueError, ArithmeticError, RecursionError) as error:
         miss = max((f.worst for f in solution.verified), default=float("inf"))
         verdict, arcs = Verdict(miss=miss, notes=(f"the principle could not be judged: {error}",)), solution.arcs
     seconds = {"verify": integrated - began, "judge": time.perf_counter() - integrated}
     return replace(solution, arcs=arcs, verdict=verdict, seconds={**solution.seconds, **seconds})
+
+
+def carrying(problem: Problem, solution: Solution) -> Solution:
+    """Return a solution that carries the statement of its problem, or the reason why it cannot."""
+    try:
+        return replace(solution, problem=problem.name, statement=problem.statement, unstated="")
+    except ProblemError as error:
+        return replace(solution, problem=problem.name, statement=None, unstated=str(error))
 
 
 def described(method: Method) -> dict[str, Any]:

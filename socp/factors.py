@@ -21,7 +21,10 @@ def primitive(entries: Expr) -> tuple[Expr, Expr]:
     if not filled or casadi.Function("n", casadi.symvar(entries), [entries]).n_instructions() > _LARGEST:
         return casadi.SX(1), entries
     memo: dict[int, tuple[Expr, float, Powers]] = {}
-    split = [_split(entries[k], memo) for k in filled]
+    try:
+        split = [_split(entries[k], memo) for k in filled]
+    except RecursionError:  # a product or sum of a thousand terms, nested: to find no factors loses none
+        return casadi.SX(1), entries
     common = split[0][1]
     for _, powers in split[1:]:
         common = _shared(common, powers)
@@ -63,7 +66,10 @@ def ratio(numerator: Expr, denominator: Expr) -> Expr:
     _, reduced = primitive(casadi.vertcat(numerator, denominator))
     if not reduced[1].is_constant():
         return reduced[0] / reduced[1]
-    number, powers = _split(reduced[0], {})
+    try:
+        number, powers = _split(reduced[0], {})
+    except RecursionError:
+        return reduced[0] / reduced[1]
     return number / float(reduced[1]) * _product(powers)
 
 

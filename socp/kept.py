@@ -2,20 +2,17 @@
 
 import hashlib
 import json
+import secrets
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
-import casadi
-
-from socp import checks
-from socp.errors import SolveError
+from socp.errors import ProblemError, SolveError
 from socp.extremals import Outcome
 from socp.guess import default_guess
 from socp.problem import Problem
 from socp.results import write_atomic
 from socp.solution import Solution
-from socp.symbols import final_time, initial_time, time
 
 _SCHEMA = 2  # version of the files
 
@@ -66,14 +63,14 @@ def _checksum(document: dict[str, Any]) -> str:
 
 
 def fingerprint(problem: Problem, recipe: str) -> str:
-    """Return a hash of a problem's formula, its bounds and its guess, of the recipe of starts and a version of socp."""
-    arguments = [problem.x, problem.u, problem.x0, problem.p, time, initial_time, final_time]
-    formula = casadi.Function("problem", arguments, checks.expressions(problem)).serialize()
+    """Return a hash of a problem, of its guess, and of the recipe of starts and a version of socp that it holds.
+
+    A problem that cannot be written as data is known again by nothing: its starts are never taken up again.
+    """
+    try:
+        key = problem.fingerprint
+    except ProblemError:
+        key = secrets.token_hex()
     guess = default_guess(problem)
-    boxes = [getattr(problem, f"{name}_box").tolist() for name in ("state", "parameter", "start", "end")]
-    times = (problem.initial_time_box, problem.final_time_box, problem.box.tolist())
-    names = (problem.state_names, problem.control_names, problem.parameter_names, [c.name for c in problem.constraints])
-    relations = [(c.name, c.equation) for c in problem.conditions]
     values = [guess.t.tolist(), guess.rows("x").tolist(), guess.rows("u").tolist(), dict(guess.parameters)]
-    text = repr((recipe, formula, boxes, times, names, relations, values))
-    return hashlib.sha256(text.encode()).hexdigest()
+    return hashlib.sha256(repr((recipe, key, values)).encode()).hexdigest()

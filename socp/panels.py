@@ -58,7 +58,8 @@ def draw_curve(axes: Any, curve: Curve, warp: Callable[[Any], np.ndarray]) -> No
 
 
 def _scaled(values: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return values in units of a power of ten that makes their labels short, and that power."""
+    """Return values in units of a power of ten that makes their labels short, and that power; infinite ones as nan."""
+    values = np.where(np.isfinite(values), values, np.nan)
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     power = int(np.floor(np.log10(largest))) if largest > 0 else 0
     power = power if power <= -3 or power >= 5 else 0
@@ -67,7 +68,8 @@ def _scaled(values: np.ndarray) -> tuple[np.ndarray, int]:
 
 def _limits(curve: Curve, unit: float) -> tuple[float, float]:
     """Return limits that hold the values, and bounds that are near, with a margin."""
-    low, high = float(np.nanmin(curve.values)), float(np.nanmax(curve.values))
+    seen = curve.values[np.isfinite(curve.values)]
+    low, high = (float(seen.min()), float(seen.max())) if seen.size else (0.0, 1.0)
     span = high - low
     near = [b for b in curve.bounds if np.isfinite(b) and low - 0.5 * span <= b <= high + 0.5 * span]
     shown = near if not curve.lanes else [b for b in curve.bounds if np.isfinite(b)]

@@ -1,15 +1,16 @@
 """The abstract problem: symbols and the frozen `Problem`, checked when it is built."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from types import MappingProxyType
 from typing import Any, Self, final
 
 import casadi
 import numpy as np
 
-from socp import advice, checks, keys, notebook
+from socp import advice, checks, keys, notebook, portable
 from socp.errors import ProblemError
 from socp.parts import Condition, Constraint, Reference
 from socp.ranges import interval, rows
@@ -27,7 +28,7 @@ from socp.symbols import (
     relation,
     states,
     time,
-)
+)  # fmt: skip
 
 __all__ = [
     "Condition", "Constraint", "Expr", "Problem", "Reference", "Scene", "controls", "final_time", "free", "initial",
@@ -92,6 +93,26 @@ class Problem:
 
     def _repr_html_(self) -> str:
         return notebook.problem_html(self)
+
+    # -- as data
+
+    @cached_property
+    def statement(self) -> Mapping[str, Any]:
+        """The problem as data, as result files carry it; ProblemError names an operation that has no spelling."""
+        return portable.written(self)
+
+    @property
+    def fingerprint(self) -> str:
+        """A hash of all that defines the problem: not of its name, title, source, reference, units, scene and guess."""
+        return str(self.statement["fingerprint"])
+
+    @classmethod
+    def from_statement(cls, statement: Mapping[str, Any]) -> "Problem":
+        """Return the problem that a statement describes, in symbols of its own; ProblemError says why it is none."""
+        return _restored(json.dumps(statement))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (json.dumps(self.statement),)
 
     # -- symbols
 
@@ -227,3 +248,8 @@ class Problem:
     def conditions(self) -> tuple[Condition, ...]:
         """The named end conditions of `target`."""
         return tuple(Condition(name, *relation(c, f"target '{name}'")) for name, c in self.target.items())
+
+
+@lru_cache(maxsize=64)  # symbols are never forgotten: the same statement read again gives the same problem
+def _restored(text: str) -> Problem:
+    return Problem(**portable.arguments(json.loads(text)))

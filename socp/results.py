@@ -12,12 +12,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from socp import consistency
 from socp.arc import Arc
-from socp.errors import SolveError
+from socp.errors import ProblemError, SolveError
 from socp.records import Agreement, Feasibility, Node
+from socp.stated import number, shown
 from socp.verdict import Finding, Verdict
 
-SCHEMA = 1  # version of the result file; a reader refuses any other
+SCHEMA = 2  # version of the result file that is written
 T = TypeVar("T")
 _DERIVED = ("word", "switches", "extremal")  # in the file for its readers; a solution works them out
 
@@ -32,39 +34,37 @@ def to_json(solution: Any) -> str:
 def read(text: str, solution: Callable[..., T], stops: Any) -> T:
     """Return the solution that `to_json` wrote; SolveError says what is wrong with anything else."""
     try:
-        document = json.loads(text)
-        schema = document.pop("schema")
-        if schema != SCHEMA:
-            raise SolveError(f"result has schema {schema}; this socp reads schema {SCHEMA}")
-        for derived in _DERIVED:
-            document.pop(derived)
-        return solution(**{**document, **_fields(document, stops)})
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise SolveError(f"not a socp result: {type(error).__name__}: {error}") from error
+        document = consistency.document(text)
+        stop = _stop(document["stop"], stops)
+    except ProblemError as error:
+        raise SolveError(f"not a socp result: {shown(error)}") from error
+    given = {name: value for name, value in document.items() if name not in {"schema", *_DERIVED}}
+    return solution(**{**given, **_fields(document), "stop": stop})
 
 
-def _fields(document: Mapping[str, Any], stops: Any) -> dict[str, Any]:
+def _stop(name: str, stops: Any) -> Any:
+    if name not in stops.__members__:
+        raise ProblemError(f"stop: '{name}'; there are {', '.join(stops.__members__)}")
+    return stops[name]
+
+
+def _fields(document: Mapping[str, Any]) -> dict[str, Any]:
     """Return the fields that JSON does not hold as they are."""
-    if not document["arcs"]:
-        raise ValueError("it has no arcs")
-    for name in ("problem", "method", "message"):
-        if not isinstance(document[name], str):
-            raise ValueError(f"its {name} is {document[name]!r} where a text is needed")  # noqa: TRY004 - read as one
     return {
         "arcs": tuple(_arc(arc) for arc in document["arcs"]),
-        "stop": stops[document["stop"]],
-        "objective": _float(document["objective"]),
-        "parameters": {name: _float(value) for name, value in document["parameters"].items()},
-        "seconds": {name: _float(value) for name, value in document["seconds"].items()},
-        "trace": {name: tuple(map(_float, values)) for name, values in document["trace"].items()},
-        "meshes": tuple(tuple(map(_float, mesh)) for mesh in document["meshes"]),
-        "structure": {name: tuple((m, a, b) for m, a, b in row) for name, row in document["structure"].items()},
+        "objective": number(document["objective"]),
+        "parameters": {name: number(value) for name, value in document["parameters"].items()},
+        "seconds": {name: number(value) for name, value in document["seconds"].items()},
+        "trace": {name: tuple(map(number, values)) for name, values in document["trace"].items()},
+        "meshes": tuple(tuple(map(number, mesh)) for mesh in document["meshes"]),
+        "structure": {name: tuple((m, float(a), float(b)) for m, a, b in row)
+                      for name, row in document["structure"].items()},
         "nodes": tuple(Node(**_numbers(each)) for each in document["nodes"]),
         "agreement": None if document["agreement"] is None else Agreement(**_numbers(document["agreement"])),
         "verified": tuple(Feasibility(**_feasibility(each)) for each in document["verified"]),
         "verdict": None if document["verdict"] is None else _verdict(document["verdict"]),
         **{name: tuple(document[name]) for name in ("state_names", "control_names")},
-    }
+    }  # fmt: skip
 
 
 def write_atomic(path: Path, content: str | bytes) -> None:
@@ -110,44 +110,33 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _float(value: Any) -> float:
-    return float("nan") if value is None else float(value)
-
-
 def _numbers(data: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: v if isinstance(v, str) and k in {"word", "stop"} else _float(v) for k, v in data.items()}
+    return {k: v if isinstance(v, str) and k in {"word", "stop"} else number(v) for k, v in data.items()}
 
 
 def _feasibility(data: Mapping[str, Any]) -> dict[str, Any]:
-    figures = {k: _float(data[k]) for k in ("miss", "path", "box", "drift")}
-    return {**data, **figures, "end": tuple(_float(v) for v in data["end"])}
+    figures = {k: number(data[k]) for k in ("miss", "path", "box", "drift")}
+    return {**data, **figures, "end": tuple(number(v) for v in data["end"])}
 
 
 def _verdict(data: Mapping[str, Any]) -> Verdict:
-    figures = {name: _float(data[name]) for name in ("miss", "normality", "objective_error")}
+    figures = {name: number(data[name]) for name in ("miss", "normality", "objective_error")}
     named = ("legendre_clebsch", "margins", "ringing")
-    tables = {name: {k: _float(v) for k, v in data[name].items()} for name in named}
-    findings = tuple(Finding(**{**each, "residual": _float(each["residual"])}) for each in data["findings"])
-    errors = tuple((float(t), _float(error)) for t, error in data["switch_errors"])
+    tables = {name: {k: number(v) for k, v in data[name].items()} for name in named}
+    findings = tuple(Finding(**{**each, "residual": number(each["residual"])}) for each in data["findings"])
+    errors = tuple((float(t), number(error)) for t, error in data["switch_errors"])
     given = {**data, **figures, **tables, "findings": findings, "switch_errors": errors, "notes": tuple(data["notes"])}
     given["chattering"] = tuple(data["chattering"])
     return Verdict(**given)
 
 
-def _row(values: Any, count: int) -> np.ndarray:
-    row = np.array([_float(value) for value in values])
-    if row.shape != (count,):
-        raise ValueError(f"an arc of {count} nodes has {row.size} values of a quantity")
-    return row
+def _row(values: Any) -> np.ndarray:
+    return np.array([number(value) for value in values])
 
 
 def _arc(data: Mapping[str, Any]) -> Arc:
-    count, mesh = len(data["t"]), np.array(data["mesh"], dtype=int)
-    if mesh.size < 2 or mesh[0] != 0 or mesh[-1] != count - 1 or (np.diff(mesh) < 1).any():
-        raise ValueError(f"an arc of {count} nodes has the mesh {data['mesh']}")
-    if data["side"] not in {"left", "right", "both"}:
-        raise ValueError(f"an arc has side {data['side']!r}")
-    matrices = {k: np.array([_row(r, count) for r in data[k]]).reshape(-1, count) for k in ("x", "u", "costate")}
-    multipliers = {name: _row(values, count) for name, values in data["multipliers"].items()}
-    modes = tuple(data["modes"])
-    return Arc(t=_row(data["t"], count), mesh=mesh, side=data["side"], modes=modes, multipliers=multipliers, **matrices)
+    t = _row(data["t"])
+    matrices = {k: np.array([_row(r) for r in data[k]]).reshape(-1, t.size) for k in ("x", "u", "costate")}
+    multipliers = {name: _row(values) for name, values in data["multipliers"].items()}
+    mesh, modes = np.array(data["mesh"], dtype=int), tuple(data["modes"])
+    return Arc(t=t, mesh=mesh, side=data["side"], modes=modes, multipliers=multipliers, **matrices)

@@ -109,7 +109,11 @@ def picture(problem: "Problem", solution: "Solution", t: Any = None) -> Picture:
 
 
 def framed(points: np.ndarray, *, spatial: bool) -> np.ndarray:
-    """Return the corners (2, 2) of a box around points (2, n), rows x and y; a spatial one is never a mere strip."""
+    """Return the corners (2, 2) of a box around points (2, n), rows x and y; a spatial one is never a mere strip.
+
+    Around no points, as where a solver found none, it is the unit square.
+    """
+    points = points if points.size else np.array([[0.0, 1.0], [0.0, 1.0]])
     low, high = points.min(axis=1), points.max(axis=1)
     size = high - low
     least = 0.15 * size.max() if spatial else np.where(size > 0, size, np.maximum(np.abs(high), 1.0))

@@ -12,6 +12,7 @@ import numpy as np
 from socp import notebook, results, tabular
 from socp.arc import Arc, Which, lagrange
 from socp.errors import SolveError
+from socp.files import read_text
 from socp.records import Agreement, Feasibility, Node
 from socp.results import SCHEMA, write_atomic
 from socp.verdict import Verdict
@@ -48,6 +49,7 @@ class Solution:
     holds the feasibility by time and, where the word has laws, by feedback; `verdict` is the judge's. `nodes`: what a
     search over words tried, in order; `meshes`: the ends of all intervals (k,), in time, of every mesh solved on
     before this one. `agreement`: how far apart two computations of this solution are, where there were two.
+    `statement` is the problem that was judged, as data; `unstated` says why there is none, where it cannot be written.
     """
 
     problem: str
@@ -70,6 +72,8 @@ class Solution:
     nodes: tuple[Node, ...] = ()
     meshes: tuple[tuple[float, ...], ...] = ()
     agreement: Agreement | None = None
+    statement: Mapping[str, Any] | None = None
+    unstated: str = ""
 
     @property
     def extremal(self) -> bool | None:
@@ -184,9 +188,8 @@ class Solution:
     @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read a result file; SolveError names the file and what is wrong with it."""
+        text = read_text(path)
         try:
-            return cls.from_json(Path(path).read_text(encoding="utf-8"))
-        except OSError as error:
-            raise SolveError(f"{path}: {error.strerror or error}") from error
-        except (SolveError, UnicodeDecodeError) as error:
+            return cls.from_json(text)
+        except SolveError as error:
             raise SolveError(f"{path}: {error}") from error

@@ -70,13 +70,16 @@ def test_json(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["check", "none.json"], 1, "none.json: No such file"),
         (["check", "cart.py"], 1, "cart.py: not a socp result"),
-        (["check", "cart.socp.json"], 3, "its problem 'cart' is not registered; give its file: --problem FILE"),
+        (["check", "old.json"], 3, "old.json: the result carries no statement of its problem 'cart', and no such"),
         (["check", "cart.socp.json", "--problem", "auv"], 1, "cart.socp.json"),
         (["check", "cart.socp.json", "--problem", "none.py"], 3, "none.py: No such file"),
     ],
 )
 def test_refusals(arguments: list[str], code: int, text: str, capsys: pytest.CaptureFixture[str]) -> None:
     main(["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10"])
+    document = json.loads(Path("cart.socp.json").read_text())
+    old = {name: value for name, value in document.items() if name not in {"statement", "unstated"}}
+    Path("old.json").write_text(json.dumps({**old, "schema": 1}))
     capsys.readouterr()
     assert main(arguments) == code
     err = capsys.readouterr().err

@@ -209,7 +209,7 @@ def test_command_goes_by_the_ending(saved: Path, solution: Solution) -> None:
 def test_command_without_its_problem_says_what_is_missing(
     saved: Path, solution: Solution, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    replace(solution, problem="elsewhere").save(saved / "other.json")
+    replace(solution, problem="elsewhere", statement=None).save(saved / "other.json")
     assert main(["export", "other.json", "--format", "csv"]) == 0
     assert "--problem FILE" in capsys.readouterr().err
     assert "sigma_u" not in read_csv((saved / "other.csv").read_bytes())

@@ -1,6 +1,7 @@
 """Solutions: evaluation, and the result file that reads back bit for bit or is refused by name."""
 
 import errno
+import itertools
 import json
 import math
 import os
@@ -32,8 +33,12 @@ def arc_of(scheme: Any, shares: list[float], span: tuple[float, float], **values
 
 
 def solution_of(*arcs: Arc, **changes: Any) -> Solution:
+    names = {
+        f"{kind}_names": tuple(f"{kind[0]}{k}" for k in range(len(getattr(arcs[0], which)))) if arcs else ()
+        for kind, which in (("state", "x"), ("control", "u"))
+    }
     parts: dict[str, Any] = {"problem": "p", "method": "m", "arcs": arcs, "objective": 1.0, "stop": Stop.SOLVED}
-    return Solution(**parts | changes)
+    return Solution(**parts | names | changes)
 
 
 
@@ -110,44 +115,52 @@ def test_a_feasibility_that_could_not_be_computed_is_not_feasible() -> None:
 
 number = st.floats(allow_nan=True, allow_infinity=True)
 finite = st.floats(allow_nan=False, allow_infinity=False)
+value = st.one_of(st.floats(-1e150, 1e150), st.sampled_from([math.nan, math.inf, -math.inf]))
 text = st.text(st.characters(codec="utf-8"), max_size=8)
+name = st.text(st.characters(codec="utf-8"), min_size=1, max_size=8).filter(str.isprintable)
 
 
 plain = st.one_of(st.none(), st.booleans(), st.integers(), finite, text)
 
 
 @st.composite
-def arcs(draw: st.DrawFn, states: int, controls: int) -> Arc:
+def arcs(draw: st.DrawFn, states: int, controls: int, span: tuple[float, float]) -> Arc:
     scheme = draw(st.sampled_from([euler(), trapezoid(), lgr(2), radau_iia(3)]))
     joined = table([(1.0, scheme)] * draw(st.integers(1, 3)))
     n = joined.tau.size
 
+    inner = st.lists(st.floats(*span), min_size=n - 2, max_size=n - 2)
+
     def matrix(rows: int) -> np.ndarray:
-        return np.array(draw(st.lists(number, min_size=rows * n, max_size=rows * n)), dtype=float).reshape(rows, n)
+        return np.array(draw(st.lists(value, min_size=rows * n, max_size=rows * n)), dtype=float).reshape(rows, n)
 
     return Arc(
-        t=np.array(draw(st.lists(finite, min_size=n, max_size=n))), x=matrix(states), u=matrix(controls),
+        t=np.array([span[0], *sorted(draw(inner)), span[1]]), x=matrix(states), u=matrix(controls),
         costate=matrix(states), mesh=joined.mesh, side=joined.side, modes=("*",) * controls,
-        multipliers={name: matrix(1)[0] for name in draw(st.lists(text, max_size=2, unique=True))},
+        multipliers={name: matrix(1)[0] for name in draw(st.lists(name, max_size=2, unique=True))},
     )  # fmt: skip
 
 
 @st.composite
 def solutions(draw: st.DrawFn) -> Solution:
-    sizes = draw(st.integers(1, 3)), draw(st.integers(0, 2))
+    states, controls = draw(st.integers(1, 3)), draw(st.integers(0, 2))
+    names = draw(st.lists(name, min_size=states + controls + 2, max_size=states + controls + 2, unique=True))
+    corners = sorted(draw(st.lists(st.floats(-1e9, 1e9), min_size=2, max_size=4, unique=True)))
     figures = {name: draw(number) for name in ("miss", "path", "box", "drift")}
     seen = Feasibility(**figures, miss_at=draw(text), path_at="", feedback=draw(st.booleans()), error=draw(text))
-    stretch = st.tuples(st.sampled_from(["+", "s"]), finite, finite)
+    ends = st.tuples(finite, finite).map(sorted)
+    stretch = st.tuples(st.sampled_from(["+", "s", "b[wall]"]), ends).map(lambda each: (each[0], *each[1]))
+    row = st.lists(stretch, min_size=1, max_size=3).map(tuple)
     return Solution(
-        problem=draw(text), method=draw(text), objective=draw(number), stop=draw(st.sampled_from(Stop)),
+        problem=draw(name), method=draw(name), objective=draw(number), stop=draw(st.sampled_from(Stop)),
         message=draw(text), verified=(seen,) * draw(st.integers(0, 2)),
-        arcs=tuple(draw(st.lists(arcs(*sizes), min_size=1, max_size=3))),
-        state_names=tuple(draw(st.lists(text, max_size=3))), control_names=tuple(draw(st.lists(text, max_size=3))),
-        parameters=draw(st.dictionaries(text, number, max_size=2)),
+        arcs=tuple(draw(arcs(states, controls, span)) for span in itertools.pairwise(corners)),
+        state_names=tuple(names[:states]), control_names=tuple(names[states:-2]),
+        parameters={each: draw(st.floats(-1e150, 1e150)) for each in names[len(names) - draw(st.integers(0, 2)) :]},
         seconds=draw(st.dictionaries(text, number, max_size=2)), options=draw(st.dictionaries(text, plain, max_size=3)),
         versions=draw(st.dictionaries(text, text, max_size=2)), iterations=draw(st.integers(0, 10**6)),
         trace=draw(st.dictionaries(text, st.lists(number, max_size=4).map(tuple), max_size=2)),
-        structure=draw(st.dictionaries(text, st.lists(stretch, max_size=3).map(tuple), max_size=2)),
+        structure=draw(st.sampled_from([{}, {each: draw(row) for each in names[states:-2]}])),
     )  # fmt: skip
 
 
@@ -175,7 +188,7 @@ def test_the_file_is_strict_json(solution: Solution) -> None:
         raise AssertionError(constant)
 
     document = json.loads(solution.to_json(), parse_constant=refuse)
-    assert document["schema"] == 1
+    assert document["schema"] == 2
     assert document["switches"] == solution.switches
     assert document["word"] == solution.word
 
@@ -205,14 +218,14 @@ def altered(path: Path, **changes: Any) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"schema": 2}, "result has schema 2; this socp reads schema 1"),
-        ({"stop": "WON"}, "not a socp result: KeyError: 'WON'"),
-        ({"arcs": []}, "not a socp result: ValueError: it has no arcs"),
-        ({"arcs": None}, "not a socp result"),
-        ({"objective": "many"}, "not a socp result: ValueError: could not convert string to float: 'many'"),
-        ({"surprise": 1}, "not a socp result: TypeError"),
-        ({"problem": 3}, "not a socp result: ValueError: its problem is 3 where a text is needed"),
-        ({"trace": [1]}, "not a socp result: AttributeError"),
+        ({"schema": 3}, "not a socp result: schema: 3; this socp reads schemas 1 and 2"),
+        ({"stop": "WON"}, "not a socp result: stop: 'WON'; there are SOLVED, ACCEPTABLE"),
+        ({"arcs": []}, "not a socp result: arcs: expected 'array' of length >= 1"),
+        ({"arcs": None}, "not a socp result: arcs: expected 'array', got 'null'"),
+        ({"objective": "many"}, "not a socp result: objective: invalid enum value 'many'"),
+        ({"surprise": 1}, "not a socp result: object contains unknown field 'surprise'"),
+        ({"problem": 3}, "not a socp result: problem: expected 'str', got 'int'"),
+        ({"trace": [1]}, "not a socp result: trace: expected 'object', got 'array'"),
     ],
 )
 def test_what_is_wrong_in_a_file_is_named(saved: Path, changes: dict[str, Any], message: str) -> None:
@@ -225,11 +238,11 @@ def test_what_is_wrong_in_a_file_is_named(saved: Path, changes: dict[str, Any], 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"t": [0.0, 1.0]}, "an arc of 2 nodes has the mesh [0, 3, 6]"),
-        ({"mesh": [0, 6, 3]}, "an arc of 7 nodes has the mesh [0, 6, 3]"),
-        ({"x": [[0.0]]}, "an arc of 7 nodes has 1 values of a quantity"),
-        ({"side": "middle"}, "an arc has side 'middle'"),
-        ({"multipliers": {"wall": [1.0]}}, "an arc of 7 nodes has 1 values of a quantity"),
+        ({"t": [0.0, 1.0]}, ".mesh: [0, 3, 6] where, for 2 nodes, 0, ..., 1, increasing, is needed"),
+        ({"mesh": [0, 6, 3]}, ".mesh: [0, 6, 3] where, for 7 nodes, 0, ..., 6, increasing, is needed"),
+        ({"x": [[0.0]]}, ".x[0]: 1 values where 7 are needed, one for each node"),
+        ({"side": "middle"}, ".side: invalid enum value 'middle'"),
+        ({"multipliers": {"wall": [1.0]}}, ".multipliers.wall: 1 values where 7 are needed, one for each node"),
     ],
 )
 def test_what_is_wrong_in_an_arc_is_named(saved: Path, changes: dict[str, Any], message: str) -> None:
@@ -237,7 +250,7 @@ def test_what_is_wrong_in_an_arc_is_named(saved: Path, changes: dict[str, Any], 
     altered(saved, arcs=[arc | changes])
     with pytest.raises(SolveError) as caught:
         Solution.load(saved)
-    assert str(caught.value) == f"{saved}: not a socp result: ValueError: {message}"
+    assert str(caught.value) == f"{saved}: not a socp result: arcs[0]{message}"
 
 
 def test_a_truncated_file_is_refused_wherever_it_ends(saved: Path) -> None:

@@ -7,10 +7,9 @@ import click
 from rich.table import Table
 from rich.text import Text
 
-from socp.cli.loading import load_guess, load_problem
+from socp.cli.opening import open_result, unknown
 from socp.cli.session import Exit, Session, heading, show, write_json
 from socp.errors import ProblemError
-from socp.telling import short
 
 if TYPE_CHECKING:
     from socp.verdict import Verdict
@@ -20,24 +19,21 @@ _TOLD = 4  # reasons told in a report; `socp check` tells them all
 
 @click.command(short_help="Judge a saved result by Pontryagin's principle.")
 @click.argument("result", metavar="RESULT")
-@click.option("--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: the name in the result]")
+@click.option("--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: that of the result]")
 @click.option("--json", "as_json", is_flag=True, help="Write the verdict as JSON.")
 @click.pass_obj
 def check(session: Session, /, result: str, problem: str | None, as_json: bool) -> int:
     """Judge a saved result: whether it is feasible, whether it is an extremal of Pontryagin's principle, how clearly.
 
-    Everything is worked out anew from the problem and from the states and controls in the file. Exit code 0 if the
-    result is certified as an extremal, 1 if it is not.
+    Everything is worked out anew from the problem that the result carries, as data, and from its states and controls.
+    Exit code 0 if the result is certified as an extremal, 1 if it is not or cannot be read.
     """
     from socp.chain import judge
-    from socp.solution import Solution
 
-    registry = session.registry()
-    name = problem or Solution.load(result).problem
-    if problem is None and name not in registry.entries:
-        raise ProblemError(f"{result}: its problem '{short(name)}' is not registered; give its file: --problem FILE")
-    found = load_problem(name, registry)
-    solution = judge(found, load_guess(result, found))
+    solution, found = open_result(session, result, problem)
+    if found is None:
+        raise ProblemError(f"{result}: {unknown(solution)}")
+    solution = judge(found, solution)
     verdict = solution.verdict
     if verdict is None:
         return Exit.UNSOLVED

@@ -7,7 +7,8 @@ from typing import Literal, final
 
 import click
 
-from socp.cli.loading import load_problem, load_result
+from socp.cli.loading import load_problem
+from socp.cli.opening import open_result, unknown
 from socp.cli.session import Exit, Session, writable
 from socp.entries import suggest
 from socp.errors import MethodError
@@ -42,11 +43,9 @@ def _result(session: Session, asked: Asked, path: Path) -> None:
     from socp.solution import write_atomic
     from socp.tabular import WRITERS
 
-    solution, problem = load_result(asked.source, asked.problem, session.registry())
+    solution, problem = open_result(session, asked.source, asked.problem)
     if problem is None:
-        session.note(
-            f"problem '{solution.problem}' is not registered: no units and no switching functions; give --problem FILE"
-        )
+        session.note(f"no units and no switching functions: {unknown(solution)}")
     write_atomic(path, WRITERS[_chosen(asked)](solution, problem))
 
 

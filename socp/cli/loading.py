@@ -54,9 +54,18 @@ def load_file(path: Path, name: str = "problem") -> "Problem":
 
 def load_guess(path: str, problem: "Problem") -> "Solution":
     """Return a saved result as a guess; SolveError says why it cannot be one for this problem."""
+    import numpy as np
+
     from socp.solution import Solution
 
-    guess = Solution.load(path)
+    guess = fitting(path, Solution.load(path), problem)
+    if not all(np.isfinite(each).all() for arc in guess.arcs for each in (arc.x, arc.u)):
+        raise SolveError(f"{path}: states or controls in it are not finite; it is no guess")
+    return guess
+
+
+def fitting(path: str, guess: "Solution", problem: "Problem") -> "Solution":
+    """Return a saved result as it is; SolveError where its states, controls or parameters are not the problem's."""
     for kind in ("state", "control"):
         saved, wanted = (getattr(each, f"{kind}_names") for each in (guess, problem))
         if saved != wanted:
@@ -66,26 +75,6 @@ def load_guess(path: str, problem: "Problem") -> "Solution":
     if missing:
         raise SolveError(f"{path}: has no parameter '{missing[0]}', which problem '{problem.name}' needs")
     return guess
-
-
-def load_result(path: str, given: str | None, registry: Registry) -> "tuple[Solution, Problem | None]":
-    """Return a saved result and its problem: the given one, or a registered one of the result's name and variables.
-
-    The problem is None where none is given and none is registered. SolveError and ProblemError as for their files.
-    """
-    from socp.solution import Solution
-
-    solution = Solution.load(path)
-    if given is not None:
-        problem = load_problem(given, registry)
-        return load_guess(path, problem), problem
-    if solution.problem not in registry.entries:
-        return solution, None
-    problem = registry.problem(solution.problem)
-    try:
-        return load_guess(path, problem), problem
-    except SolveError:  # another problem of the same name
-        return solution, None
 
 
 def _pick(module: ModuleType, path: Path, name: str) -> "Problem":

@@ -8,7 +8,7 @@ from typing import Any, final
 import click
 
 from socp.cli.exporting import stem
-from socp.cli.loading import load_result
+from socp.cli.opening import open_result, unknown
 from socp.cli.session import Exit, Session, writable
 from socp.errors import MethodError
 
@@ -32,7 +32,7 @@ class Asked:
 @click.option("--panels", metavar="NAME,...", help="Some of the panels below.  [default: all but hamiltonian]")
 @click.option("--width", type=click.FloatRange(2, 30), default=7.0, metavar="INCHES", help="Width.  [default: 7]")
 @click.option("--stretch", is_flag=True, help="Widen short arcs on the time axis.")
-@click.option("--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: the name in the result]")
+@click.option("--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: that of the result]")
 @click.pass_obj
 def plot(session: Session, /, **given: Any) -> int:
     """Draw controls with their arcs, switching functions, states, costates and the path of a saved result.
@@ -53,9 +53,9 @@ def plot(session: Session, /, **given: Any) -> int:
         raise MethodError(f"-o {path}: it ends with '{path.suffix}'; figures end with {endings}")
     panels = asked.panels.replace(" ", "").split(",") if asked.panels else figures.DEFAULT
     figures.check(panels)
-    solution, problem = load_result(asked.result, asked.problem, session.registry())
+    solution, problem = open_result(session, asked.result, asked.problem)
     if problem is None:
-        session.note(f"problem '{solution.problem}' is not registered: no bounds and no scene; give --problem FILE")
+        session.note(f"no bounds and no scene: {unknown(solution)}")
     figure = figures.draw(solution, problem, panels, width=asked.width, stretch=asked.stretch)
     write_atomic(path, figures.to_bytes(figure, ending))
     session.tell(path)

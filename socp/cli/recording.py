@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from socp.cli.loading import load_result
 from socp.cli.locking import alone
+from socp.cli.opening import open_result, unknown
 from socp.cli.session import Exit, Session, writable
 from socp.errors import MethodError, ProblemError, SolveError
 from socp.interruption import held
@@ -81,20 +81,20 @@ def told(watch: "Watch", recorder: "Guarded") -> "Watch":
 @click.command(short_help="Record a saved result for rerun's viewer.")
 @click.argument("result", metavar="RESULT")
 @click.option("-o", "--out", metavar="FILE", help="Recording.  [default: RESULT with the ending .rrd]")
-@click.option("--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: the name in the result]")
+@click.option("--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: that of the result]")
 @click.pass_obj
 def record(session: Session, /, result: str, out: str | None, problem: str | None) -> int:
     """Record a saved result: the file .rrd opens in rerun's viewer, with 'socp view'."""
     name = Path(result).name.removesuffix(".json").removesuffix(".socp")
     path = _place(Path(out or f"{name}{ENDING}"), "--out")
-    _record(session.registry(), result, problem, path)
+    _record(session, result, problem, path)
     session.tell(path)
     return Exit.SOLVED
 
 
 @click.command(short_help="Open a recording or a saved result in rerun's viewer.")
 @click.argument("source", metavar="FILE")
-@click.option("--problem", metavar="FILE_OR_NAME", help="Problem of a result.  [default: the name in the result]")
+@click.option("--problem", metavar="FILE_OR_NAME", help="Problem of a result.  [default: its own]")
 @click.pass_obj
 def view(session: Session, /, source: str, problem: str | None) -> int:
     """Open a recording .rrd, or a saved result, in rerun's native viewer, which listens on this computer alone."""
@@ -110,16 +110,17 @@ def view(session: Session, /, source: str, problem: str | None) -> int:
         raise SolveError(f"{path}: is no recording: it does not begin as one")
     with tempfile.TemporaryDirectory(prefix="socp-") as folder:
         made = Path(folder) / f"{path.name.removesuffix('.json').removesuffix('.socp')}{ENDING}"
-        _record(session.registry(), source, problem, made)
+        _record(session, source, problem, made)
         viewer.show(made)
     return Exit.SOLVED
 
 
-def _record(registry: Registry, result: str, given: str | None, path: Path) -> None:
+def _record(session: Session, result: str, given: str | None, path: Path) -> None:
     """Record a saved result; SolveError says why it cannot be, ProblemError that its problem is not known."""
-    solution, problem = load_result(result, given, registry)
+    registry = session.registry()
+    solution, problem = open_result(session, result, given, registry)
     if problem is None:
-        raise ProblemError(f"{result}: its problem '{solution.problem}' is not registered; give --problem FILE")
+        raise ProblemError(f"{result}: {unknown(solution)}")
     with alone(path):
         recorder = registry.recorder(problem, path)
         recorder.finish(problem, solution)

@@ -1,0 +1,96 @@
+"""Saved results with their problems: the one that a result carries as data, unless the user names another."""
+
+from typing import TYPE_CHECKING
+
+from socp.cli.loading import fitting, load_problem
+from socp.cli.session import Session
+from socp.errors import ProblemError, SolveError
+
+if TYPE_CHECKING:
+    from socp.problem import Problem
+    from socp.registry import Registry
+    from socp.solution import Solution
+
+_TOLD = 6  # places told in which two problems differ; more are another problem altogether
+
+
+def open_result(
+    session: Session, path: str, given: str | None, registry: "Registry | None" = None
+) -> "tuple[Solution, Problem | None]":
+    """Return a saved result and its problem: the given one, or that which it carries, or a registered one of its name.
+
+    What a result says of itself opens no file and runs no code: the name in it is looked up among registered problems
+    alone. Where two of these problems differ, a warning says where. The problem is None where there is none of them.
+    SolveError says what is wrong with the file, or that it is not a result of its problem.
+    """
+    from socp.problem import Problem
+    from socp.solution import Solution
+    from socp.stated import shown
+
+    solution, own = Solution.load(path), None
+    registry = registry or session.registry()
+    if solution.statement is not None:
+        try:
+            own = Problem.from_statement(solution.statement)
+        except ProblemError as error:
+            raise SolveError(f"{path}: its statement is no problem: {shown(error)}") from error
+    if given is not None:
+        problem = load_problem(given, registry)
+        if own is not None:
+            _compare(session, own, problem, f"problem '{given}' is used; that of the result differs")
+        return _agreeing(path, fitting(path, solution, problem), problem), problem
+    registered = _registered(solution.problem, registry)
+    if own is not None:
+        if registered is not None:
+            told = f"the result's own problem is used; the registered '{solution.problem}' differs"
+            _compare(session, own, registered, told)
+        return solution, own
+    if registered is None:
+        return solution, None
+    try:
+        fitting(path, solution, registered)
+    except SolveError:  # another problem of the same name
+        return solution, None
+    session.warn(f"{path} carries no statement of its problem: the registered '{solution.problem}' is used")
+    return _agreeing(path, solution, registered), registered
+
+
+def unknown(solution: "Solution") -> str:
+    """Return why a saved result is without a problem, and what to do."""
+    from socp.stated import shown
+
+    reason = f" ({shown(solution.unstated)})" if solution.unstated else ""
+    lacking = f"the result carries no statement of its problem '{solution.problem}'{reason}"
+    return f"{lacking}, and no such problem is registered; give --problem FILE"
+
+
+def _registered(name: str, registry: "Registry") -> "Problem | None":
+    try:
+        return registry.problem(name) if name in registry.entries else None
+    except ProblemError:  # it says nothing about the result that an installed problem is broken
+        return None
+
+
+def _agreeing(path: str, solution: "Solution", problem: "Problem") -> "Solution":
+    """Return a saved result as it is; SolveError where its arcs follow constraints that the problem does not have."""
+    from socp.consistency import follow
+
+    try:
+        follow(solution, [constraint.name for constraint in problem.constraints])
+    except ProblemError as error:
+        raise SolveError(f"{path}: {error}") from error
+    return solution
+
+
+def _compare(session: Session, own: "Problem", other: "Problem", told: str) -> None:
+    """Warn where two problems differ."""
+    from socp.portable import differences
+
+    try:
+        places = differences(own, other)
+    except ProblemError as error:  # it holds what cannot be written, which no statement does
+        session.warn(f"{told}: {error}")
+        return
+    if places:
+        more = f" and {len(places) - _TOLD} more places" if len(places) > _TOLD else ""
+        session.warn(f"{told} in: {', '.join(places[:_TOLD])}{more}")
