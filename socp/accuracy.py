@@ -1,6 +1,6 @@
 """Accuracy: how far switching times and objective of a solution are from those of the word's own conditions."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import final
 
@@ -14,6 +14,7 @@ from socp.problem import Problem
 from socp.shooting import Shooting, ends
 from socp.solution import Solution
 from socp.structure import ACTIVE
+from socp.verdict import Verdict, digits_of
 from socp.word import Mode, Word
 
 _FINE = 1e-13  # of the states: steps are doubled until the motion changes by no more; rounding leaves some hundred ulps
@@ -52,6 +53,24 @@ def accuracy(problem: Problem, solution: Solution, points: int = 10) -> Accuracy
         if (signs * held >= -_SIGN * np.abs(held).max(initial=0.0)).all():
             return _measured(conditions, held, known[2])
     return None  # a limit would rather be left: the word's conditions are others
+
+
+def sharpened(problem: Problem, solution: Solution) -> Verdict | None:
+    """Return the verdict of a judged solution with the errors that one Newton step shows, where it is certified.
+
+    Where no step tells, the errors are those of the verdict, with all that better controls would gain.
+    """
+    verdict = solution.verdict
+    if verdict is None or not verdict.extremal:
+        return verdict
+    found = accuracy(problem, solution)
+    error = verdict.remaining_error if found is None else max(verdict.objective_error, found.objective)
+    verdict = replace(verdict, objective_error=error, digits=digits_of(error, solution.objective))
+    if found is None:
+        return verdict
+    joints = np.array([solution.initial_time, *solution.junctions, solution.final_time])
+    errors = tuple((t, float(found.times[np.argmin(np.abs(joints - t))])) for t in solution.switches)
+    return replace(verdict, remaining_error=found.objective, switch_errors=errors)
 
 
 def _measured(conditions: Conditions, held: np.ndarray, pieces: list[int]) -> Accuracy | None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from socp import pmp
+from socp.accuracy import sharpened
 from socp.given import check_laws
 from socp.method import Method, check_options, options
 from socp.nlp import Watch, silent
@@ -49,6 +50,7 @@ def judge(problem: Problem, solution: Solution) -> Solution:
     except (np.linalg.LinAlgError, ValueError, ArithmeticError) as error:
         miss = max((f.worst for f in solution.verified), default=float("inf"))
         verdict, arcs = Verdict(miss=miss, notes=(f"the principle could not be judged: {error}",)), solution.arcs
+    verdict = sharpened(problem, replace(solution, arcs=arcs, verdict=verdict)) or verdict
     seconds = {"verify": integrated - began, "judge": time.perf_counter() - integrated}
     return replace(solution, arcs=arcs, verdict=verdict, seconds={**solution.seconds, **seconds})
 

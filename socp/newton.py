@@ -149,7 +149,7 @@ class System:
         sizes = np.concatenate([np.ones(n), np.abs(held)]) / self.d
         off = _ULPS * np.finfo(float).eps * np.sqrt((self.matrix * sizes) ** 2 @ np.ones(sizes.size))
         asked = np.hstack([rows * self.size, np.zeros((count, held.size))]) * self.d
-        values, vectors = self._spectrum
+        vectors = self._spectrum[1]
         moved = (asked @ vectors * self._inverted) @ vectors.T
         found: np.ndarray = np.sqrt((moved * off) ** 2 @ np.ones(off.size))
         return found
