@@ -20,7 +20,7 @@ from socp.word import Mode, Word
 _FINE = 1e-13  # of the states: steps are doubled until the motion changes by no more; rounding leaves some hundred ulps
 _STEPS = (2, 4, 8, 16, 32, 64)  # steps an interval; a motion that wants more is stiff, and none of this method's
 AWAY = 1e-4  # of the variables' magnitudes: Newton that goes further than this goes to another solution
-_TWICE = 2.0  # times the step: next to a double root Newton goes half of the way
+_THRICE = 3.0  # times the step: next to a triple root, where a switching function is flat, Newton goes a third
 _SIGN = 1e-9  # of the largest multiplier: one of an inequality that is less than this below zero is rounding
 
 
@@ -66,11 +66,12 @@ def sharpened(problem: Problem, solution: Solution) -> Verdict | None:
     found = accuracy(problem, solution)
     error = verdict.remaining_error if found is None else max(verdict.objective_error, found.objective)
     verdict = replace(verdict, objective_error=error, digits=digits_of(error, solution.objective))
-    if found is None:
-        return verdict
-    joints = np.array([solution.initial_time, *solution.junctions, solution.final_time])
-    errors = tuple((t, float(found.times[np.argmin(np.abs(joints - t))])) for t in solution.switches)
-    return replace(verdict, remaining_error=found.objective, switch_errors=errors)
+    flat, known = dict(verdict.flat), verdict.switch_errors
+    if found is not None:
+        joints = np.array([solution.initial_time, *solution.junctions, solution.final_time])
+        known = tuple((t, float(found.times[np.argmin(np.abs(joints - t))])) for t in solution.switches)
+        verdict = replace(verdict, remaining_error=found.objective)
+    return replace(verdict, switch_errors=tuple((t, max(error, flat.get(t, 0.0))) for t, error in known))
 
 
 def _measured(conditions: Conditions, held: np.ndarray, pieces: list[int]) -> Accuracy | None:
@@ -89,8 +90,8 @@ def _measured(conditions: Conditions, held: np.ndarray, pieces: list[int]) -> Ac
     # along the step the conditions change to second order, and so does the Lagrangian, which is the objective there
     _, left, there = conditions.values(at + moved, held + change)
     better = there + float((held + change) @ left)
-    times = _TWICE * np.abs(rows @ moved) + rounding[:-1]
-    apart = _TWICE * abs(better - shooting.solution.objective) + rounding[-1]
+    times = _THRICE * np.abs(rows @ moved) + rounding[:-1]
+    apart = _THRICE * abs(better - shooting.solution.objective) + rounding[-1]
     apart += abs(cost) * float(np.finfo(float).eps)
     return Accuracy(np.where(system.open(rows), np.inf, times), float(apart))
 

@@ -59,6 +59,7 @@ class Verdict:
     - ringing: control -> total variation over that of its running mean, 1 for none;
     - objective_error, in the objective's units, and switch_errors, pairs (switching time, error): estimates, an
     infinite error belongs to a time that the conditions leave open;
+    - flat: pairs (switching time from bound to bound, how far around it the switching function is as small as there);
     - remaining_error: the part of objective_error that is left where the tolerance of re-integration does not count;
     - digits: significant digits of the objective that objective_error leaves.
     """
@@ -73,6 +74,7 @@ class Verdict:
     objective_error: float = float("nan")
     remaining_error: float = float("nan")
     switch_errors: tuple[tuple[float, float], ...] = ()
+    flat: tuple[tuple[float, float], ...] = ()
     digits: int = 0
     chattering: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()

@@ -4,17 +4,21 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import casadi
 import numpy as np
 import pytest
 
 from socp import Ipopt, Problem, Solution, Word, controls, default_guess, final_time, states
 from socp.chain import judge
+from socp.cli.checking import within
 from socp.cli.show import agreed
 from socp.following import Follower
 from socp.guess import split
 from socp.registry import Registry
 from socp.simulate import scales
+from socp.solution import Agreement
 from socp.standard import STANDARD, turning_back
+from socp.symbols import time
 from socp.trust import trusted
 
 REGISTRY = Registry.load()
@@ -96,11 +100,11 @@ def exact() -> Callable[[str], Solution]:
     return get
 
 
-def ends_moved(problem: Problem, by: float, scale: np.ndarray) -> Problem:
+def ends_moved(problem: Problem, by: float, base: Solution) -> Problem:
     """Return a problem with its fixed ends, or else its start, a share of the states' sizes away."""
     ends = {name: (b, a) for name, b, a in zip(problem.state_names, *problem.end_box, strict=True) if b == a}
     which, box = ("end", problem.end_box) if ends else ("start", problem.start_box)
-    values = {}
+    values, scale = {}, scales(problem, base)
     for i, symbol in enumerate(_symbols(problem.x)):
         if box[0, i] == box[1, i]:
             at_bound = box[0, i] in problem.state_box[:, i]  # it can go nowhere
@@ -114,7 +118,7 @@ def _symbols(column: object) -> list[object]:
     return [column[i] for i in range(column.numel())]  # type: ignore[attr-defined, index]
 
 
-def box_widened(problem: Problem, by: float, scale: np.ndarray) -> Problem:
+def box_widened(problem: Problem, by: float, _base: Solution) -> Problem:
     """Return a problem whose controls, and states where they have bounds, may go a share further."""
     bounds = {}
     for symbol, row in problem.bounds.items():
@@ -124,7 +128,7 @@ def box_widened(problem: Problem, by: float, scale: np.ndarray) -> Problem:
     return replace(problem, bounds=bounds)
 
 
-def time_moved(problem: Problem, by: float, scale: np.ndarray) -> Problem:
+def time_moved(problem: Problem, by: float, _base: Solution) -> Problem:
     """Return a problem whose final time, where it is given, is a share later."""
     return replace(problem, final_time=problem.final_time_box[0] * (1 + by))
 
@@ -166,7 +170,7 @@ def test_a_solution_of_a_problem_next_door_claims_no_more_than_is_true(
     name: str, change: Callable[..., Problem], by: float, exact: Callable[[str], Solution]
 ) -> None:
     of, base = KNOWN[name], exact(name)
-    moved = change(of.problem, by, scales(of.problem, base))
+    moved = change(of.problem, by, base)
     solution = judge(of.problem, along(of, moved, guess=base))
     if solution.extremal:
         claims_hold(of, solution)
@@ -175,10 +179,22 @@ def test_a_solution_of_a_problem_next_door_claims_no_more_than_is_true(
         assert solution.verdict.reasons
 
 
+@pytest.mark.parametrize(("name", "change"), NEXT_DOOR, ids=lambda each: getattr(each, "__name__", each))
+def test_the_judge_claims_no_more_than_is_true_where_no_newton_step_tells(
+    name: str, change: Callable[..., Problem], exact: Callable[[str], Solution], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    of, base = KNOWN[name], exact(name)
+    monkeypatch.setattr("socp.accuracy.accuracy", lambda *_: None)
+    moved = change(of.problem, 9e-8, base)
+    solution = judge(of.problem, along(of, moved, guess=base))
+    assert solution.extremal
+    claims_hold(of, solution)
+
+
 @pytest.mark.parametrize("name", ["minimum_time", "turning_back", "speed_limit", "parameter", "handover"])
 def test_a_missed_end_costs_digits(name: str, exact: Callable[[str], Solution]) -> None:
     of, base = KNOWN[name], exact(name)
-    solution = judge(of.problem, along(of, ends_moved(of.problem, 9e-8, scales(of.problem, base)), guess=base))
+    solution = judge(of.problem, along(of, ends_moved(of.problem, 9e-8, base), guess=base))
     assert solution.extremal
     assert solution.verdict is not None
     assert 5 <= solution.verdict.digits <= 8  # not thirteen, and not none either
@@ -229,3 +245,43 @@ def test_a_sliver_between_two_switches_is_merged(numbers: tuple[float, float, fl
     assert solution.extremal
     claims_hold(of, solution)
     assert solution.switches == pytest.approx(of.switches, abs=1e-12 * of.objective)
+
+
+# -- switches that the principle hardly determines, or not at all
+
+
+def shaped(cost: casadi.SX) -> Known:
+    """Return a control in [0, 1] on [0, 2] at a price that is negative before t = 1 and positive after it."""
+    x = states("x")
+    u = controls("u")
+    problem = Problem(name="shaped", running=cost * u, dynamics={x: u}, bounds={u: (0, 1)}, start={x: 0}, final_time=2)
+    return Known(problem, "u: + -", (0.9, 1.1), 0.0, (1.0,))
+
+
+@pytest.mark.parametrize("newton", [True, False])
+@pytest.mark.parametrize(("order", "objective"), [(1, -1 / 2), (3, -1 / 4), (5, -1 / 6), (7, -1 / 8)])
+def test_a_flat_switching_function_leaves_its_time_uncertain(
+    order: int, objective: float, newton: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    of = replace(shaped((time - 1) ** order), objective=objective)
+    if not newton:
+        monkeypatch.setattr("socp.accuracy.accuracy", lambda *_: None)
+    solution = judge(of.problem, along(of, of.problem))
+    assert solution.extremal
+    claims_hold(of, solution)
+    assert solution.verdict is not None
+    (_, error), *_ = solution.verdict.switch_errors
+    assert (error < 1e-8) == (order == 1)
+
+
+def test_a_time_that_is_left_open_is_given_no_number(exact: Callable[[str], Solution]) -> None:
+    solution = exact("speed_limit")
+    assert solution.verdict is not None
+    times = solution.switches
+    verdict = replace(solution.verdict, switch_errors=((times[0], math.inf), (times[1], 1e-3)))
+    shown = replace(solution, agreement=Agreement(objective=1e-12, switches=1e-9), verdict=verdict)
+    (text,) = agreed(shown)
+    assert text.startswith("12 of the objective: two computations differ by 1.0e-12, switching times within 1.0e-03")
+    assert text.endswith(", 1 of 2 switching times not determined")
+    assert within(math.inf) == "not determined"
+    assert within(1e-3) == "within 1.0e-03"
