@@ -15,6 +15,7 @@ _SOLVED = 1e-8  # what a linear system may leave of its right side; more is left
 # of the largest eigenvalue of the scaled matrix: what is smaller is rounding, and its direction left open
 _RANK = 1e-13
 _MOVES = 1e-6  # of a direction that is left open, with largest entry 1: what moves less along it is determined
+_CONTRADICTS = 64.0  # units in the last place of its terms: equations that are further apart contradict each other
 _ULPS = 4.0  # rounding of every entry of a condition, in units of its last place
 
 
@@ -114,8 +115,11 @@ class System:
             found = np.linalg.solve(self.matrix, given)
         else:
             found = self._spectrum[1] @ (self._inverted * (self._spectrum[1].T @ given))
-        left = np.abs(self.matrix @ found - given).max()
-        return found if left <= _SOLVED * max(np.abs(given).max(), 1e-300) else np.full_like(given, np.nan)
+        # what rounding leaves of equations that say the same twice is no contradiction
+        n, ulps = self.size.size, _CONTRADICTS * np.finfo(float).eps if self._deficient else 0.0
+        rounding = ulps * np.abs(self.matrix[:, :n] / self.d[:n]).sum(axis=1)
+        allowed = np.maximum(_SOLVED * max(np.abs(given).max(), 1e-300), rounding)
+        return found if (np.abs(self.matrix @ found - given) <= allowed).all() else np.full_like(given, np.nan)
 
     @cached_property
     def _spectrum(self) -> tuple[np.ndarray, np.ndarray]:
