@@ -8,15 +8,17 @@ import casadi
 import numpy as np
 import pytest
 
-from socp import Ipopt, Problem, Solution, Word, controls, default_guess, final_time, states
+from socp import Ipopt, Problem, Solution, Word, controls, default_guess, final_time, points, states
 from socp.chain import judge
 from socp.cli.checking import within
 from socp.cli.show import agreed
 from socp.following import Follower
 from socp.guess import split
+from socp.kinks import kinks
+from socp.lifting import mapped
 from socp.registry import Registry
 from socp.simulate import scales
-from socp.solution import Agreement
+from socp.solution import Agreement, Stop
 from socp.standard import STANDARD, turning_back
 from socp.symbols import time
 from socp.trust import trusted
@@ -285,3 +287,95 @@ def test_a_time_that_is_left_open_is_given_no_number(exact: Callable[[str], Solu
     assert text.endswith(", 1 of 2 switching times not determined")
     assert within(math.inf) == "not determined"
     assert within(1e-3) == "within 1.0e-03"
+
+
+# -- controls that switch at one time by symmetry: more equations than unknowns
+
+
+def pair(ways: tuple[float, ...], reaches: tuple[float, ...]) -> Known:
+    """Bring several carts from rest to rest at once, in least time: each takes 2 sqrt(way / reach)."""
+    names = "xyz"[: len(ways)]
+    x, v = ([states(f"{letter}{k}") for k in names] for letter in "xv")
+    u = [controls(f"u{k}") for k in names]
+    problem = Problem(
+        name="pair", minimise=final_time, dynamics={**dict(zip(x, v, strict=True)), **dict(zip(v, u, strict=True))},
+        bounds={each: (-reach, reach) for each, reach in zip(u, reaches, strict=True)},
+        start=dict.fromkeys([*x, *v], 0), end={**dict(zip(x, ways, strict=True)), **dict.fromkeys(v, 0)},
+    )  # fmt: skip
+    total = 2 * math.sqrt(ways[0] / reaches[0])
+    word = "; ".join(f"u{k}: + -" for k in names)
+    return Known(problem, word, (0.45 * total, 0.6 * total), total, (total / 2,))
+
+
+@pytest.mark.parametrize("of", [pair((1, 1), (1, 1)), pair((1, 3), (1, 3)), pair((2, 2, 2), (1, 1, 1))])
+def test_symmetric_controls_switch_at_one_time(of: Known) -> None:
+    found = along(of, of.problem)
+    assert found.stop is Stop.SOLVED
+    assert "which agree" in found.message
+    solution = trusted(of.problem, judge(of.problem, found), 9, BACKEND)
+    assert solution.extremal
+    assert solution.agreement is not None
+    assert len(solution.arcs) == 2
+    claims_hold(of, solution)
+
+
+def test_equations_that_contradict_each_other_are_infeasible() -> None:
+    of = pair((1, 1.1), (1, 1))  # no joint switch serves both
+    found = along(of, of.problem)
+    assert found.stop is Stop.INFEASIBLE
+    assert "equations for" in found.message
+    assert "agree" not in found.message
+
+
+# -- kinks at one place, and arcs and laws without a point
+
+
+def test_a_pedal_with_two_gains_has_one_kink() -> None:
+    """Raise p at the highest rate, then lower it: v' = p above zero, 2 p below it.
+
+    From p = -0.2 to a peak of q and back to 0, v gains q^2 - 0.04, so q = sqrt(1.04) and tf = 0.2 + 2 q.
+    """
+    v, p = states("v p")
+    j = controls("j")
+    problem = Problem(
+        name="pedal", minimise=final_time, dynamics={v: casadi.fmax(p, 0) - 2 * casadi.fmax(-p, 0), p: j},
+        bounds={j: (-1, 1)}, start={v: 0, p: -0.2}, end={v: 1, p: 0},
+    )  # fmt: skip
+    q = math.sqrt(1.04)
+    of = Known(problem, "j: + -", (1.2, 1.0), 0.2 + 2 * q, (0.2 + q,))
+    solution = judge(problem, along(of, problem))
+    assert solution.extremal
+    claims_hold(of, solution)
+
+
+@pytest.mark.parametrize(("times", "count"), [((-1.0,), 1), ((2.0, -3.0), 1), ((1e6,), 1)])
+def test_multiples_of_a_kink_are_the_kink(times: tuple[float, ...], count: int) -> None:
+    a, b = casadi.SX.sym("a"), casadi.SX.sym("b")
+    base = casadi.fabs(a * b - 2)
+    expression = base + sum(casadi.fabs(k * (a * b - 2)) for k in times)
+    assert kinks(expression, casadi.vertcat(a, b)).numel() == count
+    other = casadi.fabs(a - 1e6) + casadi.fabs(a - 1.001e6)  # far off, alike near the origin, and not the same
+    assert kinks(other, casadi.vertcat(a, b)).numel() == 2
+
+
+@pytest.mark.parametrize("level", [0.0, 0.3])
+def test_an_arc_on_a_constraint_from_start_to_end_can_be_solved(level: float) -> None:
+    x = states("x")
+    u = controls("u")
+    problem = Problem(
+        name="floor", running=x, dynamics={x: u}, bounds={u: (-1, 1)}, path={"floor": x >= level}, start={x: level},
+        final_time=3,
+    )  # fmt: skip
+    of = Known(problem, "u: b[floor]", (3.0,), 3 * level)
+    found = along(of, problem)
+    assert found.stop is Stop.SOLVED
+    assert found.objective == pytest.approx(of.objective, abs=1e-12)
+
+
+def test_no_points_give_no_values() -> None:
+    problem = KNOWN["regulator"].problem
+    first, second = points.evaluator(problem, problem.x, problem.rate)(np.empty((points.symbols(problem).numel(), 0)))
+    assert first.shape == second.shape == (0, 1, 1)
+    function = casadi.Function("f", [problem.x], [2 * problem.x, casadi.vertcat(problem.x, problem.x)])
+    for kind in (casadi.SX, casadi.MX, casadi.DM):
+        assert [each.shape for each in mapped(function, [kind(1, 0)])] == [(1, 0), (2, 0)]
