@@ -10,7 +10,8 @@ from scipy.optimize import least_squares
 from socp.nlp import NLP, NLPPoint
 from socp.solution import Stop
 
-_STEPS = 40  # Gauss-Newton steps: near a solution it takes a few, and equations that contradict each other take no more
+_STEPS = 25  # Gauss-Newton steps: near a solution it takes a few, and equations that contradict each other take no more
+_WORTH = 1e-3  # share of the sum of squares that a step has to take away: towards agreement every step takes nearly all
 _MET = 1e-10  # of the variables' magnitudes, 1 at least: what equations that agree leave, rounding and some digits
 
 
@@ -43,18 +44,24 @@ def met(nlp: NLP, guess: NLPPoint, most: int) -> NLPPoint:
     try:
         found = least_squares(
             lambda part: values(whole(part)).full().ravel(), given[free],
-            jac=lambda part: slopes(whole(part)).full(), bounds=(low[free], high[free]),
-            x_scale=np.maximum(np.abs(given[free]), 1.0), ftol=1e-15, xtol=1e-15, gtol=1e-15,
+            jac=lambda part: slopes(whole(part)).full(), method="lm",
+            x_scale=np.maximum(np.abs(given[free]), 1.0), ftol=_WORTH, xtol=1e-15, gtol=1e-15,
             max_nfev=min(most, _STEPS),
         )  # fmt: skip
     except (ValueError, np.linalg.LinAlgError):  # values that are not finite
         return replace(guess, stop=Stop.INFEASIBLE, message=said)
     v = whole(found.x)
     all_g, f = (each.full().ravel() for each in every(v))
-    off = np.maximum(np.maximum(nlp.g_box[0] - all_g, all_g - nlp.g_box[1]), 0.0).max(initial=0.0)
+    beyond = _beyond(all_g, nlp.g_box), _beyond(v, nlp.v_box)  # bounds have no say on the way
+    off = max(float(each.max(initial=0.0)) for each in beyond)
     if not off <= _MET * max(1.0, float(np.abs(v).max(initial=0.0))):
         return replace(guess, stop=Stop.INFEASIBLE, message=said, iterations=int(found.nfev))
     return NLPPoint(
-        v=v, objective=float(f[0]), stop=Stop.SOLVED, message=f"{said}, which agree: least squares",
+        v=np.clip(v, low, high), objective=float(f[0]), stop=Stop.SOLVED, message=f"{said}, which agree: least squares",
         iterations=int(found.nfev), seconds={"build": 0.0, "solve": time.perf_counter() - began},
     )  # fmt: skip
+
+
+def _beyond(values: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Return how far values (n,) are outside a box (2, n)."""
+    return np.array(np.maximum(np.maximum(box[0] - values, values - box[1]), 0.0))
