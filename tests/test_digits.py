@@ -285,6 +285,11 @@ def test_a_time_that_is_left_open_is_given_no_number(exact: Callable[[str], Solu
     (text,) = agreed(shown)
     assert text.startswith("12 of the objective: two computations differ by 1.0e-12, switching times within 1.0e-03")
     assert text.endswith(", 1 of 2 switching times not determined")
+    again = Solution.from_json(shown.to_json()).verdict
+    assert again is not None
+    assert again.switch_errors == verdict.switch_errors
+    assert (again.flat, again.remaining_error) == (verdict.flat, verdict.remaining_error)
+    assert "not determined" in verdict._repr_html_()
     assert within(math.inf) == "not determined"
     assert within(1e-3) == "within 1.0e-03"
 
