@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from socp import checks, pmp
+from socp.accuracy import sharpened
 from socp.arc import Arc
 from socp.errors import ContractError, ProblemError
 from socp.given import check_laws
@@ -91,7 +92,8 @@ def _faults(problem: Problem, solution: Any) -> Iterator[str]:
 def judge(problem: Problem, solution: Solution) -> Solution:
     """Return a solution with its structure, its verification, its verdict and its problem, all worked out anew."""
     solution = carrying(problem, solution)
-    values: list[Any] = [*(each for arc in solution.arcs for each in (arc.x, arc.u)), list(solution.parameters.values())]
+    values: list[Any] = [each for arc in solution.arcs for each in (arc.x, arc.u)]
+    values.append(list(solution.parameters.values()))
     if not all(np.isfinite(each).all() for each in values):
         verdict = Verdict(miss=float("inf"), notes=("the solution is not finite",))
         return replace(solution, verified=(), verdict=verdict)
@@ -105,6 +107,7 @@ def judge(problem: Problem, solution: Solution) -> Solution:
     except (np.linalg.LinAlgError, ValueError, ArithmeticError, RecursionError) as error:
         miss = max((f.worst for f in solution.verified), default=float("inf"))
         verdict, arcs = Verdict(miss=miss, notes=(f"the principle could not be judged: {error}",)), solution.arcs
+    verdict = sharpened(problem, replace(solution, arcs=arcs, verdict=verdict)) or verdict
     seconds = {"verify": integrated - began, "judge": time.perf_counter() - integrated}
     return replace(solution, arcs=arcs, verdict=verdict, seconds={**solution.seconds, **seconds})
 

@@ -19,13 +19,16 @@ _UNARY = {casadi.OP_FABS, casadi.OP_SIGN}
 _LOOKS = 8  # points looked at between two nodes of a mesh: a crossing and back within one of them does not count
 _SLIVER = 1e-3  # of a piece: a shorter interval beside a joint is not worth its nodes
 _POINT = 1e-9  # of the horizon: a shorter arc is a point
+_DRAWS = 6  # random points at which expressions are compared: in more dimensions chance makes none parallel
+_ALIKE = 1e-14  # by which two rows of values, of length 1, differ where they are parallel up to rounding
 _CROWD = 8  # joints in one arc at most: what crosses more often is no kink but noise
 
 
 def kinks(expression: Expr, given: Expr) -> Expr:
     """Return the expressions (k, 1) of symbols `given` at whose zeros an expression (m, n) is not smooth.
 
-    |a| and sign a give a; min(a, b), max(a, b) and comparisons of a and b give a - b. Constants are left out.
+    |a| and sign a give a; min(a, b), max(a, b) and comparisons of a and b give a - b. Constants are left out, and so is
+    what is a multiple of another, such as -a beside a: it vanishes where that does.
     """
     function = casadi.Function("kinks", [given], [casadi.densify(expression)])
     work: dict[int, Expr] = {}
@@ -48,7 +51,20 @@ def kinks(expression: Expr, given: Expr) -> Expr:
     for each in found:
         if not each.is_constant() and not any(casadi.is_equal(each, other, 50) for other in distinct):
             distinct.append(each)
-    return column(distinct)
+    return column(_apart(distinct, given))
+
+
+def _apart(expressions: list[Expr], given: Expr) -> list[Expr]:
+    """Return expressions without those that are multiples of one before them, as their values at random points tell."""
+    at = np.random.default_rng(0).uniform(0.5, 1.5, (given.numel(), _DRAWS))
+    rows = casadi.Function("rows", [given], [casadi.densify(column(expressions))]).map(_DRAWS)(at).full()
+    size = np.linalg.norm(rows, axis=1, keepdims=True)
+    unit = rows / np.where(size > 0, size, 1.0)
+    kept: list[int] = []
+    for k in range(len(expressions)):  # where values are not finite nothing is alike
+        if not any(min(np.abs(unit[k] - unit[j]).max(), np.abs(unit[k] + unit[j]).max()) <= _ALIKE for j in kept):
+            kept.append(k)
+    return [expressions[k] for k in kept]
 
 
 def jointed(
@@ -129,4 +145,7 @@ def _crossings(phased: PhasedProblem, phase: Phase, arc: Arc, solution: Solution
             crossings.append((float(t), found[i]))
     apart = 1e-9 * length  # a crossing at an end of the arc is the end
     inside = [each for each in crossings if arc.t[0] + apart < each[0] < arc.t[-1] - apart]
-    return sorted(inside, key=lambda each: each[0]) if len(inside) <= _CROWD else []
+    inside.sort(key=lambda each: each[0])
+    # two kinks at one time, such as those of p and p v, need one joint
+    single = [each for k, each in enumerate(inside) if k == 0 or each[0] - inside[k - 1][0] > apart]
+    return single if len(single) <= _CROWD else []

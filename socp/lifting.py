@@ -40,8 +40,10 @@ class Layout:
 
 
 def mapped(function: casadi.Function, arguments: list[Expr]) -> list[Expr]:
-    """Evaluate a function column by column; arguments of one column are repeated."""
+    """Evaluate a function column by column; arguments of one column are repeated. No columns give none."""
     count = arguments[0].shape[1]
+    if not count:  # casadi maps over one column at least
+        return [type(arguments[0])(function.size1_out(i), 0) for i in range(function.n_out())]
     outputs = function.map(count)(*(a if a.shape[1] == count else casadi.repmat(a, 1, count) for a in arguments))
     return list(outputs) if function.n_out() > 1 else [outputs]
 

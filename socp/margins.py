@@ -1,25 +1,18 @@
-"""What a verdict says beyond residuals: strictness, ringing, errors of objective and switching times."""
+"""What a verdict says beyond residuals: strictness, ringing, the Legendre-Clebsch condition."""
 
-import itertools
-import math
 from collections.abc import Iterator
 
 import casadi
 import numpy as np
 
-from socp import claims, laws
-from socp.adjoint import POINTS, Samples
+from socp import laws
+from socp.adjoint import Samples
 from socp.conditions import mode_at
 from socp.errors import MethodError
 from socp.problem import Problem
-from socp.schemes import lgr
 from socp.solution import Arc, Solution, lagrange
 from socp.symbols import time
 from socp.word import Mode
-
-_SCHEME = lgr(POINTS)
-_SAFETY = 10.0  # each time also moves with the others, and by more than the residual shows: a digit in hand
-_LEADS = 1e-2  # of the largest term of sigma over an interval: what counts as its slope, not as a residual
 
 
 def strictness(
@@ -115,68 +108,6 @@ def _joint_arcs(
 def _once(arc: Arc) -> np.ndarray:
     """Return the controls (nu, n) at the collocated nodes of an arc, every node once."""
     return np.array(arc.u[:, (arc.side == "right") : arc.t.size - (arc.side == "left")])
-
-
-def objective_error(
-    problem: Problem, solution: Solution, samples: Samples, costate: np.ndarray, gain: np.ndarray
-) -> float:
-    """Estimate the error of the objective, in its own units, by the dual-weighted residual.
-
-    The sum of four: costate (nx, n) times the defect f - x' of the returned states, arc by arc (within one the errors
-    of collocation cancel), and times the miss of the re-integrated end; the difference between the returned objective
-    and its own quadrature; and the Hamiltonian `gain` (n,) that better controls would have over the horizon.
-    """
-    v, half = samples.values, 0.5 * np.diff(samples.edges)
-    shape = (-1, samples.intervals, samples.width)
-    x, f, costates = (
-        each.reshape(shape)[:, :, :each_width] for each, each_width in ((samples.x, None), (v["f"], -1), (costate, -1))
-    )
-    slope = np.einsum("dj,ikj->ikd", _SCHEME.A, x) / half[:, None]
-    weights = half[:, None] * _SCHEME.weights[:-1]
-    per_interval = (weights * (costates * (f - slope)).sum(axis=0)).sum(axis=1)
-    first = np.flatnonzero(np.diff(samples.arc[:: samples.width], prepend=-1))
-    defect = float(np.abs(np.add.reduceat(per_interval, first)).sum())
-    missed = float((weights * gain.reshape(shape[1:])[:, :-1]).sum())
-    ends = [np.array(seen.end) for seen in solution.verified if seen.end]
-    end = max((float(np.abs(costate[:, -1] @ (x - solution.arcs[-1].x[:, -1]))) for x in ends), default=0.0)
-    return defect + end + abs(claims.cost(problem, solution, samples)[0] - solution.objective) + missed
-
-
-def switch_errors(
-    problem: Problem, solution: Solution, samples: Samples, sigma: np.ndarray
-) -> tuple[tuple[float, float], ...]:
-    """Estimate the error of every switching time: how far the switching function's nearest zero is, on the bang side.
-
-    sigma (nu, n). Where sigma leaves with slope zero, as it leaves a singular arc, the slope's zero is the switch.
-    """
-    found: dict[float, float] = {}
-    missed = max((seen.worst for seen in solution.verified), default=np.inf)
-    # all times move with the end of the re-integrated control, and none is known better than its own rounding
-    least = (solution.final_time - solution.initial_time) * max(min(missed, 1.0), 1e-14)
-    for i, name in enumerate(problem.control_names):
-        row = solution.structure[name]
-        for (before, _, t), (after, _, _) in itertools.pairwise(row):
-            side = -1 if before in {"+", "-"} else 1 if after in {"+", "-"} else 0
-            k = int(np.argmin(np.abs(samples.edges - t)))
-            interval = k - 1 if side < 0 else k
-            if side == 0 or not 0 <= interval < samples.intervals:
-                continue
-            error = least + _SAFETY * _nearest_zero(samples, sigma[i], interval, at_end=side < 0)
-            found[t] = max(found.get(t, 0.0), error)
-    return tuple(sorted(found.items()))
-
-
-def _nearest_zero(samples: Samples, sigma: np.ndarray, interval: int, *, at_end: bool) -> float:
-    first = interval * samples.width
-    nodes = slice(first, first + samples.width)
-    t = samples.t[nodes] - samples.t[nodes][-1 if at_end else 0]
-    polynomial = np.polynomial.Polynomial.fit(t, sigma[nodes], POINTS)
-    length = float(np.ptp(t))
-    terms = np.array([abs(float(polynomial.deriv(k)(0.0))) * length**k / math.factorial(k) for k in range(4)])
-    # the first term that the others do not drown: sigma leaves a bang arc with a slope, a singular one with a curve
-    order = next((k for k in (1, 2, 3) if terms[k] >= _LEADS * terms.max()), 1)
-    ratio = terms[order - 1] / (order * terms[order]) if terms[order] > 0 else 1.0
-    return length * min(float(ratio), 1.0)
 
 
 def on_arc(samples: Samples, index: int, arc: Arc, values: np.ndarray) -> np.ndarray:

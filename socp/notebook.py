@@ -40,7 +40,9 @@ def verdict_html(verdict: "Verdict", allowed: float) -> str:
         found.append(("objective", f"within {verdict.objective_error:.1e}: {verdict.digits} digits"))
     tables = (("Legendre-Clebsch", verdict.legendre_clebsch), ("bang margin", verdict.margins))
     found += [(label, f"{_text(name)}: {value:.1e}") for label, table in tables for name, value in table.items()]
-    found += [("switch", f"{t:.12g}, within {error:.1e}") for t, error in verdict.switch_errors[:_MANY]]
+    for t, error in verdict.switch_errors[:_MANY]:
+        known = f"within {error:.1e}" if error < float("inf") else "not determined"
+        found.append(("switch", f"{t:.12g}, {known}"))
     found += [("note", _text(note)) for note in verdict.notes]
     head = f"<tr><th {_CELL}>condition</th><th {_CELL}>residual, at most {allowed:.0e}</th><th {_CELL}>where</th></tr>"
     rows = "".join(

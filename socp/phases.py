@@ -1,16 +1,19 @@
 """Problems cut into phases: one control law on each, free lengths between the switching times."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import final
 
+import casadi
 import numpy as np
 
 from socp import laws
 from socp.problem import Problem
-from socp.symbols import Expr, column
+from socp.symbols import Expr, column, time
 from socp.word import Mode, Word
+
+_ROUNDING = 1e-12  # of the start's values: what an entry condition leaves there that they meet
 
 Row = tuple[Expr, float, float]  # an expression with the bounds that it has to keep
 
@@ -107,7 +110,21 @@ def follow(problem: Problem, word: Word) -> PhasedProblem:
     phases: list[Phase] = []
     for modes in laws.resolved(problem, word).arcs:
         phases.append(_phase(problem, modes, phases[-1].kept if phases else frozenset()))
+    phases[0] = replace(phases[0], entry=tuple(each for each in phases[0].entry if not _met(problem, each)))
     return PhasedProblem(problem, tuple(phases))
+
+
+def _met(problem: Problem, entry: Expr) -> bool:
+    """Tell whether what vanishes where the first arc begins does so by the values that the start gives."""
+    (low, high), times = problem.start_box, problem.initial_time_box
+    fixed = [i for i in range(low.size) if low[i] == high[i]]
+    known = [*(problem.x[i] for i in fixed), *([time] if times[0] == times[1] else [])]
+    values = [*(float(low[i]) for i in fixed), *([float(times[0])] if times[0] == times[1] else [])]
+    at = casadi.substitute(casadi.SX(entry), column(known), column(values))
+    if casadi.symvar(at):
+        return False
+    size = max([1.0, *map(abs, values)])
+    return abs(float(casadi.evalf(at))) <= _ROUNDING * size
 
 
 def _phase(problem: Problem, modes: tuple[Mode, ...], kept: frozenset[str]) -> Phase:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from socp import claims, margins
+from socp import claims, estimates, margins
 from socp.adjoint import Samples, condense, sample
 from socp.along import Along
 from socp.conditions import conditions
@@ -20,7 +20,7 @@ from socp.fitting import Case, multipliers
 from socp.junctions import chattering
 from socp.problem import Problem
 from socp.solution import Arc, Solution
-from socp.verdict import Finding, Verdict
+from socp.verdict import Finding, Verdict, digits_of
 
 __all__ = ["Case", "case", "certify", "multipliers"]
 
@@ -61,8 +61,10 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
     certain = all(finding.holds for finding in findings)
     # where all holds, the gain would measure the judge
     gain = slack.sum(axis=0) + (0.0 if certain else _gain(problem, samples, switching))
-    error = margins.objective_error(problem, solution, samples, costate, gain)
+    error = estimates.objective_error(problem, solution, samples, costate, gain)
     error += sum(float(np.abs(rows.offset + rows.matrix @ z).max()) * rows.slack for rows in laid.rows if rows.slack)
+    error += estimates.worth_of_misses(along, z, switching, density)
+    unused = estimates.integral(samples, _gain(problem, samples, switching)) if certain else 0.0
     clebsch, unknown = margins.legendre_clebsch(problem, solution, samples, costate)
     verdict = Verdict(
         miss=max((f.worst for f in solution.verified), default=float("inf")),
@@ -75,8 +77,10 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
         margins=margins.strictness(problem, solution, samples, switching, size),
         ringing=margins.ringing(problem, solution),
         objective_error=error,
-        switch_errors=margins.switch_errors(problem, solution, samples, switching),
-        digits=_digits(error, solution.objective) if certain else 0,
+        remaining_error=error + unused,
+        switch_errors=estimates.switch_errors(problem, solution, samples, switching, size),
+        flat=estimates.flat(problem, solution, samples, switching, size),
+        digits=digits_of(error, solution.objective) if certain else 0,
     )
     return verdict, _with_multipliers(along, z)
 
@@ -113,12 +117,7 @@ def _gain(problem: Problem, samples: Samples, switching: np.ndarray) -> np.ndarr
     """Return the Hamiltonian (n,) that the best admissible controls would gain at every node."""
     low, high = problem.box
     gap = np.maximum(switching * (samples.u - low[:, None]), switching * (samples.u - high[:, None]))
-    return np.array(gap.sum(axis=0))
-
-
-def _digits(error: float, objective: float) -> int:
-    relative = error / max(abs(objective), 1e-300)
-    return int(np.clip(np.floor(-np.log10(max(relative, 1e-13))), 0, 13)) if np.isfinite(relative) else 0
+    return np.array(np.maximum(gap, 0.0).sum(axis=0))
 
 
 def _without_length(solution: Solution) -> tuple[Finding, ...]:

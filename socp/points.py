@@ -35,6 +35,8 @@ def evaluator(problem: Problem, *expressions: Expr) -> Evaluate:
 
     def evaluate(points: np.ndarray) -> tuple[np.ndarray, ...]:
         n = points.shape[1]
+        if not n:  # casadi maps over one column at least
+            return tuple(np.empty((0, *e.shape)) for e in shaped)
         results = function.map(n)(points)
         listed = results if isinstance(results, tuple) else (results,)
         return tuple(

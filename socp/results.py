@@ -121,11 +121,14 @@ def _feasibility(data: Mapping[str, Any]) -> dict[str, Any]:
 
 def _verdict(data: Mapping[str, Any]) -> Verdict:
     figures = {name: number(data[name]) for name in ("miss", "normality", "objective_error")}
+    figures["remaining_error"] = number(data.get("remaining_error"))  # older files have none, nor `flat`
     named = ("legendre_clebsch", "margins", "ringing")
     tables = {name: {k: number(v) for k, v in data[name].items()} for name in named}
     findings = tuple(Finding(**{**each, "residual": number(each["residual"])}) for each in data["findings"])
     errors = tuple((float(t), number(error)) for t, error in data["switch_errors"])
-    given = {**data, **figures, **tables, "findings": findings, "switch_errors": errors, "notes": tuple(data["notes"])}
+    flat = tuple((float(t), number(reach)) for t, reach in data.get("flat", ()))
+    pairs = {"switch_errors": errors, "flat": flat}
+    given = {**data, **figures, **tables, **pairs, "findings": findings, "notes": tuple(data["notes"])}
     given["chattering"] = tuple(data["chattering"])
     return Verdict(**given)
 

@@ -76,6 +76,8 @@ class Verdict(Record):
     digits: Count
     chattering: list[str]
     notes: list[str]
+    remaining_error: Number = None  # older files have none, nor `flat`
+    flat: list[tuple[float, Number]] = []
 
 
 class Agreement(Record):

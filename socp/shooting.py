@@ -16,10 +16,11 @@ from socp.lifting import mapped
 from socp.misses import parameters_of
 from socp.phases import Phase, PhasedProblem
 from socp.problem import Problem
+from socp.simulate import scales
 from socp.solution import Solution
 from socp.symbols import Expr, column, final_time, initial_time, time
 
-_ACTIVE = 1e-7  # relative: an inequality at an end as near as this to its limit is taken for an equation
+_ACTIVE = 1e-7  # of sizes: an inequality at an end as near as this to its limit is taken for an equation
 
 
 @final
@@ -29,12 +30,14 @@ class Shooting:
 
     The variables w are the initial time, the phases' lengths, the parameters, and for every phase the states (with what
     it carries) at the ends of the intervals of its arc's mesh; over each of these the motion is integrated in `steps`
-    steps by the formula of order 8 of Dormand and Prince (Hairer, Norsett, Wanner, Solving ODEs I, II.5).
+    steps by the formula of order 8 of Dormand and Prince (Hairer, Norsett, Wanner, Solving ODEs I, II.5). Inequalities
+    at the ends that are within `near` of their limits, relative to the sizes of the states, are taken for equations.
     """
 
     phased: PhasedProblem
     solution: Solution
     steps: int
+    near: float = _ACTIVE
 
     @cached_property
     def pairs(self) -> list[tuple[Phase, Arc]]:
@@ -101,16 +104,21 @@ class Shooting:
         x0, xf = z[0][: problem.x.numel(), 0], z[-1][: problem.x.numel(), -1]
         values = solution.arcs[0].x[:, 0], solution.arcs[-1].x[:, -1], parameters_of(problem, solution)
         times = solution.initial_time, solution.final_time
+        scale, horizon = scales(problem, solution), np.array([times[1] - times[0]])
         rows = [
-            *_rows(x0, values[0], problem.start_box), *_rows(xf, values[1], problem.end_box),
-            *_rows(p, values[2], problem.parameter_box),
-            *_rows(t0, np.array(times[:1]), np.array([problem.initial_time_box]).T),
-            *_rows(tf, np.array(times[1:]), np.array([problem.final_time_box]).T),
-        ]  # fmt: skip
+            *_rows(x0, values[0], problem.start_box, self.near * scale),
+            *_rows(xf, values[1], problem.end_box, self.near * scale),
+            *_rows(p, values[2], problem.parameter_box, self.near * np.maximum(np.abs(values[2]), 1e-300)),
+            *_rows(t0, np.array(times[:1]), np.array([problem.initial_time_box]).T, self.near * horizon),
+            *_rows(tf, np.array(times[1:]), np.array([problem.final_time_box]).T, self.near * horizon),
+        ]
+        symbols = [problem.x, problem.x0, problem.p, initial_time, final_time]
         for condition in problem.conditions:
-            symbols = [problem.x, problem.x0, problem.p, initial_time, final_time]
             psi = casadi.Function("psi", symbols, [condition.expression])
-            if condition.equation or float(psi(values[1], values[0], values[2], *times)) >= -_ACTIVE:
+            slopes = casadi.jacobian(condition.expression, casadi.vertcat(problem.x, problem.x0))
+            slope = casadi.Function("slope", symbols, [slopes])(values[1], values[0], values[2], *times).full()[0]
+            near = self.near * (float(np.abs(slope) @ np.tile(scale, 2)) or 1.0)
+            if condition.equation or float(psi(values[1], values[0], values[2], *times)) >= -near:
                 rows.append((psi(xf, x0, p, t0, tf), 0.0 if condition.equation else 1.0))
         return [row for row, _ in rows], [sign for _, sign in rows]
 
@@ -185,15 +193,14 @@ def _step(problem: Problem, phase: Phase) -> casadi.Function:
     return vars(phase)["_step"]
 
 
-def _rows(expression: Expr, value: np.ndarray, box: np.ndarray) -> list[tuple[Expr, float]]:
-    """Return the entries of an expression that are fixed, or at a limit of their box (2, n), with their signs."""
+def _rows(expression: Expr, value: np.ndarray, box: np.ndarray, near: np.ndarray) -> list[tuple[Expr, float]]:
+    """Return the entries of an expression that are fixed, or near a limit of their box (2, n), with their signs."""
     found = []
     for i, (low, high) in enumerate(box.T):
-        near = _ACTIVE * max(1.0, abs(float(value[i])))
         if low == high:
             found.append((expression[i] - low, 0.0))
-        elif value[i] <= low + near:
+        elif value[i] <= low + near[i]:
             found.append((expression[i] - low, -1.0))
-        elif value[i] >= high - near:
+        elif value[i] >= high - near[i]:
             found.append((expression[i] - high, 1.0))
     return found

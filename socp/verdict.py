@@ -1,5 +1,6 @@
 """Verdicts: what is known of a solution, each answer with its margin."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import final
@@ -56,8 +57,11 @@ class Verdict:
     negative;
     - margins: bang stretch -> how far its switching function comes to the right side of zero, relative;
     - ringing: control -> total variation over that of its running mean, 1 for none;
-    - objective_error, in the objective's units, and switch_errors, pairs (switching time, error): estimates;
-    - digits: significant digits of the objective that the estimate leaves.
+    - objective_error, in the objective's units, and switch_errors, pairs (switching time, error): estimates, an
+    infinite error belongs to a time that the conditions leave open;
+    - flat: pairs (switching time from bound to bound, how far around it the switching function is as small as there);
+    - remaining_error: the part of objective_error that is left where the tolerance of re-integration does not count;
+    - digits: significant digits of the objective that objective_error leaves.
     """
 
     miss: float
@@ -68,7 +72,9 @@ class Verdict:
     margins: Mapping[str, float] = field(default_factory=dict)
     ringing: Mapping[str, float] = field(default_factory=dict)
     objective_error: float = float("nan")
+    remaining_error: float = float("nan")
     switch_errors: tuple[tuple[float, float], ...] = ()
+    flat: tuple[tuple[float, float], ...] = ()
     digits: int = 0
     chattering: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -112,3 +118,11 @@ class Verdict:
     def rings(self) -> tuple[str, ...]:
         """Names of the controls that ring."""
         return tuple(name for name, ratio in self.ringing.items() if ratio > RINGS)
+
+
+def digits_of(error: float, objective: float, most: int = 13) -> int:
+    """Return the significant digits of an objective that an error leaves, none where it is not known."""
+    relative = error / max(abs(objective), 1e-300)
+    if not math.isfinite(relative):
+        return 0
+    return max(0, min(most, math.floor(-math.log10(max(relative, 10.0**-most)))))

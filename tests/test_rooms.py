@@ -15,9 +15,9 @@ ORDER = """
     brackets factors extremal singular eliminate contacts principle laws simplify given lawbook modes words
     phases binary kinks nlp lifting collocate reach modelling template disjunctive backends structure misses
     insertion simulate softening meshing guess programmes sampling adjoint ends along conditions claims
-    junctions margins fitting method scouting following pmp chain mending rounding layouts minlp substitutes
-    hidden shooting polish trust search refine coarse branching spread extremals kept pool census neighbours
-    limits frontier standard testing hookspecs entries registry cli
+    junctions estimates margins fitting method scouting following pmp shooting newton accuracy chain mending rounding
+    layouts minlp substitutes hidden polish search refine coarse branching spread extremals kept pool census neighbours
+    trust limits frontier standard testing hookspecs entries registry cli
 """.split()  # noqa: SIM905
 FILES = [path for room in ("socp", "plugins", "problems") for path in sorted((ROOT / room).rglob("*.py"))]
 ALLOWED = {

@@ -8,7 +8,7 @@ from typing import Any, final
 import casadi
 import numpy as np
 
-from socp.backends import documented
+from socp.backends import documented, overdetermined
 from socp.errors import SolveError
 from socp.interruption import requesting
 from socp.nlp import NLP, NLPPoint, Progress, Watch, silent
@@ -57,10 +57,9 @@ class Ipopt:
         Raises SolveError where casadi cannot build the programme, and whatever the watch raises.
         """
         began = time.perf_counter()
-        equations, unknowns = (int((box[0] == box[1]).sum()) for box in (nlp.g_box, nlp.v_box))
-        unknowns = nlp.v_box.shape[1] - unknowns
+        equations, unknowns = overdetermined.counted(nlp)
         if equations > unknowns:
-            return replace(guess, stop=Stop.INFEASIBLE, message=f"{equations} equations for {unknowns} unknowns")
+            return overdetermined.met(nlp, guess, int({**_DEFAULTS, **self.options}["max_iter"]))
         observer = _Observer(nlp, watch)
         given = {"x0": guess.v, "lbx": nlp.v_box[0], "ubx": nlp.v_box[1], "lbg": nlp.g_box[0], "ubg": nlp.g_box[1]}
         if guess.lam_v is not None and guess.lam_g is not None:

@@ -1,5 +1,6 @@
 """`socp check`: judge a saved result."""
 
+import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -84,12 +85,17 @@ def details(verdict: "Verdict") -> Table:
         ("bang margins", [f"{name}: {value:.1e}" for name, value in verdict.margins.items()]),
         ("normality", [f"{verdict.normality:.1e}"]),
         ("variation", [f"{name}: {value:.3g} times that of its mean" for name, value in verdict.ringing.items()]),
-        ("switches", [f"{t:.12g}, within {error:.1e}" for t, error in verdict.switch_errors]),
+        ("switches", [f"{t:.12g}, {within(error)}" for t, error in verdict.switch_errors]),
     ]
     for label, texts in rows:
         for k, text in enumerate(texts):
             grid.add_row(label if k == 0 else "", text)
     return grid
+
+
+def within(error: float) -> str:
+    """Return the error of a switching time as text; an infinite one belongs to a time that is not determined."""
+    return f"within {error:.1e}" if math.isfinite(error) else "not determined"
 
 
 def _answer(holds: bool, what: str, margin: str) -> Text:

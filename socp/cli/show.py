@@ -1,5 +1,6 @@
 """What the commands show of a solution: its facts as plain values, and as text."""
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -119,12 +120,28 @@ def report(problem: "Problem", solution: "Solution", path: str) -> Table:
 
 
 def agreed(solution: "Solution") -> list[str]:
-    """Return how far two computations of a solution are apart, nothing where there was one alone."""
-    found = solution.agreement
+    """Return the digits on which two computations of a solution agree, nothing where there was one alone.
+
+    No digit is counted, and no switching time said to be known, beyond what the errors of the verdict leave.
+    """
+    from socp.verdict import digits_of
+
+    found, verdict = solution.agreement, solution.verdict
     if found is None:
         return []
-    places = "" if not solution.switches else f", switching times within {small(found.switches)}"
-    return [f"{found.digits} of the objective: two computations differ by {small(found.objective)}{places}"]
+    known = verdict is not None and verdict.extremal
+    left = digits_of(verdict.remaining_error, solution.objective, found.digits) if known and verdict else found.digits
+    errors = [found.switches, *(error for _, error in verdict.switch_errors if known)] if verdict else [found.switches]
+    places = "" if not solution.switches else _places(errors)
+    return [f"{left} of the objective: two computations differ by {small(found.objective)}{places}"]
+
+
+def _places(errors: list[float]) -> str:
+    """Return how well switching times are known, those apart that are not determined."""
+    known = [error for error in errors if math.isfinite(error)]
+    text = f", switching times within {small(max(known))}" if len(known) > 1 or len(errors) == 1 else ""
+    count = len(errors) - len(known)
+    return text + (f", {count} of {len(errors) - 1} switching times not determined" if count else "")
 
 
 def sentence(found: "Feasibility") -> Text:
