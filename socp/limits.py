@@ -12,15 +12,20 @@ _ROUNDING = 1e-11  # relative: what a difference of two objectives has to exceed
 def limit(solutions: Sequence[Solution]) -> float | None:
     """Return Aitken's extrapolation of the objectives, of the last three that differ by more than rounding.
 
-    It is the limit of a sequence that converges geometrically; None where the last three do not shrink so.
+    It is the limit of a sequence that converges geometrically, and of no other. None where the last four are none: both
+    ratios of their differences have to lie between 0 and 1, and the extrapolation of the first three has to agree with
+    that of the last three as far as the last one goes.
     """
     values = [solution.objective for solution in solutions]
     steps = np.diff(values)
     clear = [k for k in range(1, len(steps)) if abs(steps[k]) > _ROUNDING * abs(values[-1])]
-    if not clear or not 0.0 < steps[clear[-1]] / steps[clear[-1] - 1] < 1.0:
+    if not clear or clear[-1] < 2:
         return None
     k = clear[-1]
-    return float(values[k + 1] - steps[k] ** 2 / (steps[k] - steps[k - 1]))
+    if not all(0.0 < steps[j] / steps[j - 1] < 1.0 for j in (k, k - 1)):
+        return None
+    before, last = (float(values[j + 1] - steps[j] ** 2 / (steps[j] - steps[j - 1])) for j in (k - 1, k))
+    return last if abs(last - before) <= abs(last - values[k + 1]) else None
 
 
 def told(solutions: Sequence[Solution]) -> str:

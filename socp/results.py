@@ -111,7 +111,7 @@ def _numbers(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _feasibility(data: Mapping[str, Any]) -> dict[str, Any]:
-    figures = {k: _float(data[k]) for k in ("miss", "path", "box", "drift")}
+    figures = {k: _float(data[k]) for k in ("miss", "path", "box", "drift", "objective", "gap") if k in data}
     return {**data, **figures, "end": tuple(_float(v) for v in data["end"])}
 
 

@@ -15,7 +15,7 @@ ORDER = """
     phases binary kinks nlp lifting collocate reach modelling template disjunctive backends structure misses
     insertion simulate softening meshing guess programmes sampling adjoint ends along conditions claims
     junctions margins fitting method scouting following pmp chain mending rounding layouts minlp substitutes
-    hidden shooting polish trust search refine coarse branching spread extremals kept pool census neighbours
+    hidden shooting polish trust search refine conclusion coarse branching spread extremals kept pool census neighbours
     limits frontier standard testing hookspecs entries registry cli
 """.split()  # noqa: SIM905
 FILES = [path for room in ("socp", "plugins", "problems") for path in sorted((ROOT / room).rglob("*.py"))]

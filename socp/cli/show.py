@@ -10,6 +10,7 @@ from rich.text import Text
 
 from socp.cli.checking import lines, plain
 from socp.errors import MethodError
+from socp.verdict import EXTREMAL
 
 if TYPE_CHECKING:
     from socp.problem import Problem
@@ -23,11 +24,12 @@ def facts(problem: "Problem", solution: "Solution") -> dict[str, Any]:
     return {
         "problem": problem.name, "title": problem.title, "method": solution.method, "options": solution.options,
         "solved": solution.stop.ok, "stop": solution.stop.name, "message": solution.message,
-        "objective": solution.objective, "initial_time": solution.initial_time, "final_time": solution.final_time,
+        "objective": solution.objective, "objective_reached": solution.reached,
+        "initial_time": solution.initial_time, "final_time": solution.final_time,
         "parameters": solution.parameters, "nodes": int(solution.t.size),
         "word": solution.word, "switches": solution.switches, "structure": solution.structure,
         "total_variation": variations(solution),
-        "verified": [{**asdict(each), "worst": each.worst} for each in solution.verified],
+        "verified": [{**asdict(each), "worst": each.worst, "off": each.off} for each in solution.verified],
         "verdict": None if solution.verdict is None else plain(solution.verdict),
         "iterations": solution.iterations, "seconds": solution.seconds, "reference": to_reference(problem, solution),
     }  # fmt: skip
@@ -44,8 +46,8 @@ def switching(solution: "Solution") -> dict[str, list[float]]:
 
 
 def worst(solution: "Solution") -> float:
-    """Return the worst violation that re-integration found, by time and by feedback."""
-    return max((each.worst for each in solution.verified), default=float("nan"))
+    """Return the largest figure of re-integration, by time and by feedback."""
+    return max((each.off for each in solution.verified), default=float("nan"))
 
 
 def to_reference(problem: "Problem", solution: "Solution") -> dict[str, Any] | None:
@@ -86,7 +88,7 @@ def report(problem: "Problem", solution: "Solution", path: str) -> Table:
     grid.add_column(overflow="fold")
     seconds = solution.seconds
     grid.add_row("method", Text(_method(solution)))
-    grid.add_row("objective", f"{solution.objective:.12g}")
+    _labelled(grid, "objective", solution.headline)
     if solution.initial_time:
         grid.add_row("initial time", f"{solution.initial_time:.12g}")
     grid.add_row("final time", f"{solution.final_time:.12g}")
@@ -127,6 +129,9 @@ def sentence(found: "Feasibility") -> Text:
         parts.append(f"path violated by {small(found.path)}" + (f" at {found.path_at}" if found.path else ""))
     if found.box:
         parts.append(f"box violated by {small(found.box)}")
+    parts.append(f"states off by {small(found.drift)}")
+    if found.gap > EXTREMAL:
+        parts.append(f"objective {found.objective:.6g}")
     return Text(f"{how}: {', '.join(parts)}")
 
 

@@ -67,7 +67,7 @@ def escaped(text: str) -> str:
 def _verdict(verdict: Verdict | None) -> str:
     if verdict is None:
         return "## Verdict\n\nnot judged"
-    parts = [f"## Verdict: {_judgement(verdict)}", f"conditions missed by {_small(verdict.miss)}"]
+    parts = [f"## Verdict: {_judgement(verdict)}", f"re-integration off by {_small(verdict.miss)}"]
     parts += [f"- {reason}" for reason in verdict.reasons]
     findings = [
         (f"{each.residual:.1e}", each.condition, each.where, "" if each.t is None else f"{each.t:.4g}")
