@@ -45,7 +45,8 @@ def judge(problem: Problem, solution: Solution) -> Solution:
     solution = replace(solution, structure=structure(problem, solution), verified=verify(problem, solution))
     integrated = time.perf_counter()
     try:
-        verdict, arcs = pmp.certify(problem, solution)
+        with np.errstate(all="ignore"):  # what a claim makes overflow is refused for it
+            verdict, arcs = pmp.certify(problem, solution)
     except (np.linalg.LinAlgError, ValueError, ArithmeticError) as error:
         worst = max(solution.verified, key=lambda f: f.off)
         notes = (f"the principle could not be judged: {error}",)
