@@ -260,8 +260,8 @@ def test_no_sign_is_left_out_of_a_verdict(seed: int) -> None:
 # -- arcs that are none
 
 
-@pytest.mark.parametrize(("share", "certified"), [(1e-4, False), (1e-6, False), (1e-8, False), (1e-10, False)])
-def test_an_arc_that_changes_nothing_is_not_certified(share: float, certified: bool) -> None:
+@pytest.mark.parametrize("share", [1e-4, 9e-7, 1e-8, 1e-10])
+def test_an_arc_that_changes_nothing_is_not_certified(share: float) -> None:
     """X'' = u in least time is + -; a third arc at the end, however short, is one too many."""
     problem = Problem(
         name="rest", minimise=final_time, dynamics={x: y, y: u}, bounds={u: (-1, 1)}, start={x: 0, y: 0},
@@ -277,7 +277,7 @@ def test_an_arc_that_changes_nothing_is_not_certified(share: float, certified: b
     parts = [replace(second, t=each, x=second.at(each)) for each in (t, stub)]
     extra = replace(parts[1], modes=("+",), u=-parts[1].u)
     judged = judge(problem, replace(found, arcs=(first, parts[0], extra)))
-    assert bool(judged.extremal) is certified
+    assert not judged.extremal
     short = any("without length" in reason for reason in verdict_of(judged).reasons)
     assert short == (share <= SHORTEST)
 
