@@ -159,7 +159,10 @@ def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Ca
         return
     for finding in sorted(solution.verdict.findings, key=lambda f: -f.residual):
         if finding.wants and finding.t is not None and not finding.holds:
-            control = problem.control_names.index(finding.where.split(",")[0])
+            name = finding.where.split(",")[0]
+            if name in solution.verdict.chattering:  # what it asks for is one of infinitely many more arcs
+                continue
+            control = problem.control_names.index(name)
             yield insert(now, control, finding.wants, finding.t)
             yield insert(now, control, "s", finding.t)
 
