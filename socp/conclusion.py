@@ -88,10 +88,11 @@ def pursued(problem: Problem, search: Search, directs: Sequence[Solution], watch
     more = Search(backend=Ration(_FURTHER), nodes=search.nodes)
     for mesh in (None, _FINER[0]):
         direct = known if mesh is None else _again(problem, known, mesh, watch)
-        if direct is None or not direct.stop.ok:
+        if direct is None:
             return
-        found = refine(problem, direct, more, watch, _WORDS)
+        found = refine(problem, direct, more, watch, _WORDS) if direct.stop.ok else direct
         if found is not None and found.stop is Stop.INTERRUPTED:
+            search.best = replace(search.best, stop=Stop.INTERRUPTED)
             return
         if found is not None and found.extremal and clearly(found, search.best):
             search.best = found

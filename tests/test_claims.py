@@ -445,3 +445,20 @@ def test_explained_tells_the_worst_reason() -> None:
     word = replace(growth("+"), verdict=Verdict(miss=0.0, findings=(finding,)))
     said = explained(GROWTH, Search(best=word, count=3))
     assert said == "no word of the 3 tried is certified; the best one leaves: a on b: 1.0e-01"
+
+
+@pytest.mark.slow
+def test_implicit_euler_rings_on_a_fine_grid_of_a_flat_singular_arc_and_the_verdict_says_so() -> None:
+    """A fed-batch reactor: calm with a hundred steps, not with a thousand."""
+    biomass, substrate, volume = states("biomass substrate volume")
+    growth_ = 0.53 * substrate / (0.12 + substrate + substrate**2 / 5) * biomass
+    problem = posed(
+        minimise=-biomass * volume, running=0.5 * u, final_time=15, start={biomass: 1, substrate: 0.5, volume: 2},
+        dynamics={
+            biomass: growth_ - u / volume * biomass, substrate: -growth_ / 0.4 + u / volume * (30 - substrate),
+            volume: u,
+        },
+        bounds={u: (0, 1), volume: (None, 20), substrate: (0, None), biomass: (0, None)},
+    )  # fmt: skip
+    assert verdict_of(solved(problem, "euler-ipopt", steps=100)).rings == ()
+    assert verdict_of(solved(problem, "euler-ipopt", steps=1000)).rings == ("u",)
