@@ -21,6 +21,7 @@ from socp.verdict import FEASIBLE
 
 _FURTHER = 5e5  # iterations times variables from a point that betters a certified one: half of what a search may do
 _WORDS = 20  # words tried there
+_FAR = 0.05  # of the objective: a coarse grid that claims so much less than a certified solution is worth a finer one
 _FINER = (uniform(euler(), 800), uniform(trapezoid(), 400))  # after 20 to 200 intervals of the first solves
 _DIRECT = Ipopt({"tol": 1e-7, "max_iter": 150})  # from a solution nearby it takes some ten iterations
 
@@ -75,13 +76,20 @@ def bettered(problem: Problem, search: Search, directs: Sequence[Solution]) -> S
     return min(better, key=lambda each: each.reached, default=None)
 
 
-def pursued(problem: Problem, search: Search, directs: Sequence[Solution], watch: Watch = silent) -> None:
+def pursued(problem: Problem, search: Search, directs: list[Solution], watch: Watch = silent) -> None:
     """Go on from a feasible point that is clearly better than the certified solution, for as much work as is fair.
 
-    A better certified solution takes the place of the one that the search ended with.
+    A better certified solution takes the place of the one that the search ended with. Where a coarse grid claims far
+    less, it is first solved on finer ones, which join the direct solutions: its own control may miss what it claims.
     """
-    if search.best is None or not search.best.extremal:
+    best = search.best
+    if best is None or not best.extremal:
         return
+    less = [each for each in directs if each.stop.ok and best.objective - each.objective > _FAR * abs(each.objective)]
+    if less and bettered(problem, search, directs) is None:
+        first = min(less, key=lambda each: each.objective)
+        finer = [_again(problem, first, mesh, watch) for mesh in _FINER]
+        directs += [each for each in finer if each is not None and each.stop.ok]
     known = bettered(problem, search, directs)
     if known is None:
         return
@@ -92,9 +100,9 @@ def pursued(problem: Problem, search: Search, directs: Sequence[Solution], watch
             return
         found = refine(problem, direct, more, watch, _WORDS) if direct.stop.ok else direct
         if found is not None and found.stop is Stop.INTERRUPTED:
-            search.best = replace(search.best, stop=Stop.INTERRUPTED)
+            search.best = replace(best, stop=Stop.INTERRUPTED)
             return
-        if found is not None and found.extremal and clearly(found, search.best):
+        if found is not None and found.extremal and clearly(found, best):
             search.best = found
             return
 
