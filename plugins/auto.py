@@ -18,8 +18,9 @@ from socp import (
     solve_collocated,
     uniform,
 )
+from socp.conclusion import concluded, pursued
 from socp.frontier import limited
-from socp.refine import concluded, refine
+from socp.refine import refine
 from socp.schemes import euler, radau_iia
 from socp.scouting import scouts
 from socp.search import Search
@@ -65,7 +66,8 @@ class Auto(Method):
     ) -> Solution:
         search, directs = known
         meshes = uniform(radau_iia(2), self.steps // 2), uniform(euler(), 2 * self.steps)
-        for start in (*scouts(problem, guess, self.starts, watch), guess):
+        met = scouts(problem, guess, self.starts, watch)
+        for start in (*met, guess):
             if start.stop is Stop.INTERRUPTED:
                 return start
             shown: list[Solution] = []
@@ -83,7 +85,9 @@ class Auto(Method):
                 refine(problem, direct, search, watch, late=True)
             if search.over:
                 break
-        return limited(problem, concluded(problem, search, directs), self.max_switches, watch)
+        hand = [*directs, *met]
+        pursued(problem, search, hand, watch)
+        return limited(problem, concluded(problem, search, hand, watch), self.max_switches, watch)
 
 
 @hookimpl

@@ -23,7 +23,7 @@ from socp.schemes import euler
 @final
 @dataclass(frozen=True)
 class EulerIpopt(Method):
-    """Order 1, and the calmest of all: its controls do not ring. A robust start for sharper methods."""
+    """Order 1, and the calmest grid: its controls seldom ring. A robust start for sharper methods."""
 
     name: ClassVar[str] = "euler-ipopt"
     source: ClassVar[str] = "doi:10.3934/dcdsb.2019092, section 4 (AMPL + IPOPT)"

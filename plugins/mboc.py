@@ -38,6 +38,7 @@ from socp.scouting import scouts
 from socp.search import Ration
 from socp.softening import missed, softened
 from socp.solution import Stop
+from socp.verdict import SHORTEST
 from socp.word import Mode, Word
 from socp.words import all_words, count
 
@@ -49,7 +50,6 @@ _ROUNDED = 6  # switches of the first rounding there
 _FEW = 50  # words within the bound: so many are all looked at where the search certifies none
 _ALIKE = 2e-3  # relative: coarse solutions differ by so much from what they stand for
 _MET = 1e-6  # of the states: softened ends are met up to the solver's tolerance
-_SHORT = 1e-6  # of the horizon: an arc that shrinks to this is none
 
 
 @final
@@ -157,7 +157,7 @@ class Mboc(Method):
         arcs = tuple(tuple(Mode.parse(mode) for mode in arc.modes) for arc in found.arcs)
         if all(mode.kind != "free" for arc in arcs for mode in arc):
             full = Candidate(arcs, edges, found)
-            branching.verify(merged(without(full, _SHORT * (edges[-1] - edges[0]))), watch)
+            branching.verify(merged(without(full, SHORTEST * (edges[-1] - edges[0]))), watch)
 
     # -- what is left to say
 

@@ -23,10 +23,10 @@ from socp.search import node, rank
 from socp.simulate import scales
 from socp.softening import missed
 from socp.solution import Node, Solution, Stop
+from socp.verdict import SHORTEST
 from socp.word import Word
 from socp.words import Ledger
 
-_SHORT = 1e-6  # of the horizon: an arc that shrinks to this is none
 _PAYS = 1e-6  # of the Hamiltonian's terms, beside how far the mesh is off: below, an insertion gains nothing
 _MISSED = 1e-6  # of the states: softened ends are met up to the solver's tolerance
 _CHILDREN = 6  # insertions tried of one node, the steepest ones
@@ -160,7 +160,7 @@ class Branching:
         now = child.candidate
         edges = (solution.initial_time, *solution.junctions.tolist(), solution.final_time)
         full = Candidate(now.arcs, edges, solution)
-        short = merged(without(full, _SHORT * (edges[-1] - edges[0])))
+        short = merged(without(full, SHORTEST * (edges[-1] - edges[0])))
         if short.arcs != now.arcs:
             if short.arcs in self.ledger.solved:
                 return

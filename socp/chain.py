@@ -105,8 +105,9 @@ def judge(problem: Problem, solution: Solution) -> Solution:
         with np.errstate(all="ignore"):
             verdict, arcs = pmp.certify(problem, solution)
     except (np.linalg.LinAlgError, ValueError, ArithmeticError, RecursionError) as error:
-        miss = max((f.worst for f in solution.verified), default=float("inf"))
-        verdict, arcs = Verdict(miss=miss, notes=(f"the principle could not be judged: {error}",)), solution.arcs
+        worst = max(solution.verified, key=lambda f: f.off)
+        notes = (f"the principle could not be judged: {error}",)
+        verdict, arcs = Verdict(miss=worst.off, miss_at=worst.off_at, notes=notes), solution.arcs
     verdict = sharpened(problem, replace(solution, arcs=arcs, verdict=verdict)) or verdict
     seconds = {"verify": integrated - began, "judge": time.perf_counter() - integrated}
     return replace(solution, arcs=arcs, verdict=verdict, seconds={**solution.seconds, **seconds})

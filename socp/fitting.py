@@ -14,6 +14,8 @@ from socp.aside import aside
 from socp.conditions import SCALE, Rows
 from socp.verdict import EXTREMAL, Finding
 
+_EXACT = 0.1 * EXTREMAL  # what a row may be broken beyond the programme's own figure: the solver is good to 1e-7
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -51,8 +53,9 @@ class Case:
             residuals = rows.residuals(z) / size
             k = int(np.argmax(residuals))
             finding = Finding(
-                condition=rows.name, residual=float(residuals[k]), where=rows.where[k], t=float(rows.t[k])
-            )
+                condition=rows.name, residual=float(residuals[k]), where=rows.where[k], t=float(rows.t[k]),
+                wants=rows.wants(k, z),
+            )  # fmt: skip
             if rows.name not in found or finding.residual > found[rows.name].residual:
                 found[rows.name] = finding
         return tuple(found.values())
@@ -91,32 +94,53 @@ def _least_squares(case: Case) -> np.ndarray:
 def _programme(case: Case, size: float, start: np.ndarray, *, worst: bool) -> tuple[np.ndarray, float | None]:
     """Minimise the worst residual, or the sum of residuals, by a linear programme.
 
-    Returns (z, least value), or (start, None) if the programme fails.
+    Returns (z, least value), or (start, None) if the programme fails; the least worst residual is in the magnitude that
+    belongs to its own multipliers, as their findings are, so that the two agree.
+
+    Not all signs enter at once: those that the multipliers found break more than what they leave at worst are added,
+    and the programme is solved again, until they break none.
+    """
+    scale = np.maximum(np.abs(start), 1e-3 * max(float(np.abs(start).max()), 1e-300))
+    kept = [_thinned(rows) for rows in case.rows]
+    while True:
+        found = _solved(case, (size, scale), kept, worst=worst)
+        if found is None:
+            return start, None
+        z, value = found
+        allowed = size * (value if worst else 0.0) + _EXACT * size
+        broken = [np.flatnonzero(rows.residuals(z) > allowed) for rows in case.rows]
+        grown = [np.union1d(keep, more) for keep, more in zip(kept, broken, strict=True)]
+        if all(new.size == old.size for new, old in zip(grown, kept, strict=True)):
+            return z, value * size / case.magnitude(z)
+        kept = grown
+
+
+def _solved(
+    case: Case, units: tuple[float, np.ndarray], kept: list[np.ndarray], *, worst: bool
+) -> tuple[np.ndarray, float] | None:
+    """Solve the programme of the rows that are kept, in units of the Hamiltonian and of z (nz,); None if that fails.
 
     In the sum the rows that fix the multipliers' scale count for all others together: breaking those alone explains
     nothing.
     """
     import cvxpy
 
-    scale = np.maximum(np.abs(start), 1e-3 * max(float(np.abs(start).max()), 1e-300))
-    kept = [(rows, _thinned(rows)) for rows in case.rows]
-    matrix = np.vstack([rows.matrix[keep] for rows, keep in kept]) * scale / size
-    offset = np.concatenate([rows.offset[keep] for rows, keep in kept]) / size
-    equation = np.concatenate([np.full(keep.size, rows.equation) for rows, keep in kept])
-    z = cvxpy.Variable(start.size)
+    (size, scale), pairs = units, list(zip(case.rows, kept, strict=True))
+    matrix = np.vstack([rows.matrix[keep] for rows, keep in pairs]) * scale / size
+    offset = np.concatenate([rows.offset[keep] for rows, keep in pairs]) / size
+    equation = np.concatenate([np.full(keep.size, rows.equation) for rows, keep in pairs])
+    z = cvxpy.Variable(scale.size)
     excess = cvxpy.Variable(nonneg=True) if worst else cvxpy.Variable(offset.size, nonneg=True)
     value = offset + matrix @ z
     constraints = [value <= excess, -value[equation] <= (excess if worst else excess[equation])]
-    weight = np.concatenate([_weight(rows, keep.size, offset.size) for rows, keep in kept])
+    weight = np.concatenate([_weight(rows, keep.size, offset.size) for rows, keep in pairs])
     programme = cvxpy.Problem(cvxpy.Minimize(excess if worst else weight @ excess), constraints)
     try:
         with aside():
             programme.solve(solver=cvxpy.HIGHS)
     except cvxpy.error.SolverError:
-        return start, None
-    if z.value is None:
-        return start, None
-    return np.asarray(z.value) * scale, float(programme.value)
+        return None
+    return None if z.value is None else (np.asarray(z.value) * scale, float(programme.value))
 
 
 def _strict(case: Case, z: np.ndarray) -> np.ndarray:
@@ -154,7 +178,7 @@ def _weight(rows: Rows, kept: int, every: int) -> np.ndarray:
 
 
 def _thinned(rows: Rows) -> np.ndarray:
-    """Return the rows of a programme: all equations, signs at the first, middle and last node of every interval."""
+    """Return the rows that a programme begins with: all equations, signs at three nodes of every interval."""
     n = rows.t.size
     thin = not rows.equation and n > 10 * (POINTS + 1)
     return np.flatnonzero(np.isin(np.arange(n) % (POINTS + 1), (0, POINTS // 2, POINTS))) if thin else np.arange(n)

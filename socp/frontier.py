@@ -20,13 +20,13 @@ from socp.neighbours import changed, dropped, left_out, put_in, spelled, without
 from socp.nlp import Backend, Watch, silent
 from socp.problem import Problem
 from socp.solution import Solution, Stop
+from socp.verdict import SHORTEST
 from socp.word import Word
 
 _ALL = 200  # words up to which every one of them is solved
 _MOST = 240  # words solved at most where they are too many for that
 _WIDTH = 2  # words of every number of switches from which others are made
 _PASSES = 3  # down and up through the numbers of switches
-_SHORT = 1e-6  # of the horizon: an arc that shrinks to this is none
 _FEASIBLE = 1e-6  # violation found by re-integration up to which a word counts
 _BETTER = 1e-9  # relative: a smaller gain is rounding, and a word with fewer switches does as well
 _BACKEND = Ipopt({"tol": 1e-11, "max_iter": 300})
@@ -113,7 +113,7 @@ class _Trials:
         solution = judge(self.problem, solution)
         if solution.verdict is None or not solution.verdict.miss <= _FEASIBLE:
             return False
-        lean = without(spelled(solution), _SHORT)
+        lean = without(spelled(solution), SHORTEST)
         if self.dwell == 0.0 and len(lean.arcs) < len(solution.arcs):
             self.solve(lean)
         row = self.found[len(solution.arcs) - 1]

@@ -7,20 +7,26 @@ import numpy as np
 from socp.solution import Solution
 
 _ROUNDING = 1e-11  # relative: what a difference of two objectives has to exceed to say anything
+_ALIKE = 2.0  # times: what two ratios tell of the rest; further apart the rest is not known to its first digit
 
 
 def limit(solutions: Sequence[Solution]) -> float | None:
     """Return Aitken's extrapolation of the objectives, of the last three that differ by more than rounding.
 
-    It is the limit of a sequence that converges geometrically; None where the last three do not shrink so.
+    It is the limit of a sequence that converges geometrically, and of no other. None where the last four are none: what
+    is left of a geometric sequence is a fixed share of its last step, which both ratios of the steps tell alike.
     """
     values = [solution.objective for solution in solutions]
     steps = np.diff(values)
     clear = [k for k in range(1, len(steps)) if abs(steps[k]) > _ROUNDING * abs(values[-1])]
-    if not clear or not 0.0 < steps[clear[-1]] / steps[clear[-1] - 1] < 1.0:
+    if not clear or clear[-1] < 2:
         return None
     k = clear[-1]
-    return float(values[k + 1] - steps[k] ** 2 / (steps[k] - steps[k - 1]))
+    ratios = steps[k] / steps[k - 1], steps[k - 1] / steps[k - 2]
+    if not all(0.0 < ratio < 1.0 for ratio in ratios):
+        return None
+    left, before = (ratio / (1.0 - ratio) for ratio in ratios)
+    return float(values[k + 1] + left * steps[k]) if max(left, before) <= _ALIKE * min(left, before) else None
 
 
 def told(solutions: Sequence[Solution]) -> str:

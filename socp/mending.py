@@ -12,10 +12,9 @@ from socp.guess import split
 from socp.problem import Problem
 from socp.solution import Solution
 from socp.structure import constraint_values, structure
-from socp.verdict import EXTREMAL
+from socp.verdict import EXTREMAL, SHORTEST
 from socp.word import Mode, Word
 
-_SHORT = 1e-6  # of the horizon: an arc that shrinks to this is none
 _BLURRED = 2.5  # steps of a grid: a stretch shorter than this, inside its box, is a switch that the grid has smeared
 _FLUTTER = 6.0  # steps of a grid: bangs in a row that are all shorter than this imitate a singular arc
 _MANY = 6  # stretches of one control from which on short bangs are taken for flutter
@@ -148,7 +147,7 @@ def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Ca
     """Yield the words that may mend a judged solution, the most promising first."""
     edges = (solution.initial_time, *solution.junctions.tolist(), solution.final_time)
     now = Candidate(tried.arcs, edges, solution)
-    shortest = _SHORT * (edges[-1] - edges[0])
+    shortest = SHORTEST * (edges[-1] - edges[0])
     gone = [k for k, (a, b) in enumerate(pairwise(edges)) if b - a <= shortest]
     yield from (_dropped(now, problem, label) for label in _slack(solution))
     if gone:
@@ -160,7 +159,10 @@ def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Ca
         return
     for finding in sorted(solution.verdict.findings, key=lambda f: -f.residual):
         if finding.wants and finding.t is not None and not finding.holds:
-            control = problem.control_names.index(finding.where.split(",")[0])
+            name = finding.where.split(",")[0]
+            if name in solution.verdict.chattering:  # what it asks for is one of infinitely many more arcs
+                continue
+            control = problem.control_names.index(name)
             yield insert(now, control, finding.wants, finding.t)
             yield insert(now, control, "s", finding.t)
 

@@ -1,6 +1,6 @@
 """How far a motion misses what a problem asks for: its ends, its state constraints and its box, relative to sizes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import casadi
 import numpy as np
@@ -60,3 +60,50 @@ def path_miss(
     relative = values.max(axis=1) / np.where((largest := sizes.max(axis=1)) > 0, largest, 1.0)
     worst = int(np.argmax(relative))
     return max(float(relative[worst]), 0.0), problem.constraints[worst].name
+
+
+def objective_of(
+    problem: Problem, solution: Solution, motion: tuple[np.ndarray, np.ndarray, np.ndarray], scale: np.ndarray,
+    running: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Return the objective of a motion, and how far the returned one is from it, relative to its magnitude.
+
+    The motion is times (n,), states (nx, n) and controls (nu, n) from start to end, with the integral of the running
+    cost. The magnitude is the sum of all terms by absolute value, and of what they change by when every state changes
+    by its own: a cost that the best motion takes to zero is not measured by its rounding.
+    """
+    (t, x, u), p = motion, parameters_of(problem, solution)
+    ends = solution.initial_time, solution.final_time
+    mayer = casadi.Function("mayer", [problem.x, problem.x0, problem.p, initial_time, final_time], [problem.mayer])
+    cost = casadi.Function("cost", [problem.x, problem.u, time, problem.p], [problem.lagrangian])
+
+    def last(states: np.ndarray) -> np.ndarray:
+        return np.array(mayer(states, x[:, 0], p, *ends).full().ravel())
+
+    def along(states: np.ndarray) -> np.ndarray:
+        return np.array(cost.map(t.size)(states, u, t[None, :], np.repeat(p[:, None], t.size, axis=1)).full().ravel())
+
+    value = running + float(last(x[:, -1])[0])
+    terms = _magnitude(along, x, scale[:, None])
+    size = float(np.sum(0.5 * (terms[1:] + terms[:-1]) * np.diff(t)) + _magnitude(last, x[:, -1], scale)[0])
+    off = abs(solution.objective - value)
+    return value, off / max(size, 1e-300) if off == off else np.inf  # noqa: PLR0124 - nan is far from everything
+
+
+def running_size(problem: Problem, solution: Solution) -> float:
+    """Return the integral of the running cost's absolute value at the returned nodes, 1 where that is none."""
+    cost, n = casadi.Function("cost", [problem.x, problem.u, time, problem.p], [problem.lagrangian]), solution.t.size
+    given = np.repeat(parameters_of(problem, solution)[:, None], n, axis=1)
+    values = cost.map(n)(solution.rows("x"), solution.rows("u"), solution.t[None, :], given).full().ravel()
+    found = float(np.nansum(0.5 * np.abs(values[1:] + values[:-1]) * np.diff(solution.t)))
+    return found if 0.0 < found < np.inf else 1.0
+
+
+def _magnitude(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Return a function's absolute value and, added, the least change when the states go up or down by their own.
+
+    The lesser of the two: towards a pole, or where it grows exponentially, a function may change by any amount.
+    """
+    here = function(x)
+    change = np.fmin(np.abs(function(x + scale) - here), np.abs(function(x - scale) - here))
+    return np.array(np.abs(here) + np.where(np.isfinite(change), change, 0.0))

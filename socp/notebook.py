@@ -21,7 +21,7 @@ Row = tuple[str, str]  # a label and HTML
 
 def solution_html(solution: "Solution") -> str:
     """Return a solution as HTML: its key figures, its arcs, its verdict in words, a figure if matplotlib is there."""
-    found = [("method", _text(solution.method)), ("objective", f"{solution.objective:.12g}")]
+    found = [("method", _text(solution.method)), *(("objective", text) for text in solution.headline)]
     found.append(("time", f"{solution.initial_time:.12g} to {solution.final_time:.12g}"))
     found += [("parameter", f"{_text(name)} = {value:.12g}") for name, value in solution.parameters.items()]
     found += [(f"arcs of {_text(name)}", _arcs(row)) for name, row in solution.structure.items()]
@@ -67,9 +67,9 @@ def problem_html(problem: "Problem") -> str:
 def words(verdict: "Verdict") -> str:
     """Return in a sentence what a verdict says."""
     if not verdict.feasible:
-        return f"not feasible: conditions missed by {verdict.miss:.1e}"
+        return f"not feasible: re-integration off by {verdict.miss:.1e}"
     if not verdict.findings:
-        return f"feasible: conditions missed by {verdict.miss:.1e}; not held against Pontryagin's principle"
+        return f"feasible: re-integration off by {verdict.miss:.1e}; not held against Pontryagin's principle"
     rings = f"; {', '.join(map(_text, verdict.rings))} rings" if verdict.rings else ""
     if verdict.extremal:
         return f"feasible, and an extremal of Pontryagin's principle: residual {verdict.residual:.1e}{rings}"

@@ -20,7 +20,7 @@ from socp.fitting import Case, multipliers
 from socp.junctions import chattering
 from socp.problem import Problem
 from socp.solution import Arc, Solution
-from socp.verdict import Finding, Verdict, digits_of
+from socp.verdict import SHORTEST, Finding, Verdict, digits_of
 
 __all__ = ["Case", "case", "certify", "multipliers"]
 
@@ -67,7 +67,8 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
     unused = estimates.integral(samples, _gain(problem, samples, switching)) if certain else 0.0
     clebsch, unknown = margins.legendre_clebsch(problem, solution, samples, costate)
     verdict = Verdict(
-        miss=max((f.worst for f in solution.verified), default=float("inf")),
+        miss=max((f.off for f in solution.verified), default=float("inf")),
+        miss_at=max(solution.verified, key=lambda f: f.off).off_at if solution.verified else "",
         findings=findings,
         distance=distance,
         normality=min(laid.cost / size, 1.0),
@@ -122,7 +123,7 @@ def _gain(problem: Problem, samples: Samples, switching: np.ndarray) -> np.ndarr
 
 def _without_length(solution: Solution) -> tuple[Finding, ...]:
     """Find the arcs of a word that have no length: the word has too many."""
-    shortest = 1e-9 * (solution.final_time - solution.initial_time)  # rounding of a length, some digits to spare
+    shortest = SHORTEST * (solution.final_time - solution.initial_time)
     return tuple(
         Finding(
             condition="arc without length, drop it from the word", residual=1.0, where=f"arc {k}", t=float(arc.t[0])

@@ -11,12 +11,14 @@ import numpy as np
 class Feasibility:
     """What an independent integration of the returned control says.
 
-    Every figure is relative to the problem's own magnitudes (see `socp.simulate.scales`). `miss`: worst violation of
-    start, end and target conditions by the re-integrated end point, at the condition `miss_at`; `path`: worst violation
-    of a state constraint along the way, at `path_at`; `box`: worst violation of a control bound; `drift`: largest
-    distance between the re-integrated and the returned states. `feedback` tells whether laws were integrated as
-    feedback (True) or the control as a function of time (False). `end` is the re-integrated final state (nx,), in the
-    problem's units. `error` holds the reason where the integration broke down.
+    Every figure is relative to the problem's own magnitudes (see `socp.simulate.sizes`), which no returned state
+    enlarges. `miss`: worst violation of start, end and target conditions by the re-integrated end point, at the
+    condition `miss_at`; `path`: worst violation of a state constraint along the way, at `path_at`; `box`: worst
+    violation of a control bound; `drift`: largest distance between the re-integrated and the returned states, at any
+    node; `gap`: distance between the re-integrated and the returned objective. `feedback` tells whether laws were
+    integrated as feedback (True) or the control as a function of time (False). `end` is the re-integrated final state
+    (nx,) and `objective` the re-integrated objective, in the problem's units; nan where it is not known. `error` holds
+    the reason where the integration broke down.
     """
 
     miss: float
@@ -28,6 +30,24 @@ class Feasibility:
     feedback: bool
     end: tuple[float, ...] = ()
     error: str = ""
+    objective: float = float("nan")
+    gap: float = 0.0
+
+    @property
+    def off(self) -> float:
+        """Largest of all figures: the violations, and how far the motion and its objective are from what is claimed."""
+        figures = (self.worst, self.drift, self.gap)
+        return float("inf") if np.isnan(figures).any() else max(figures)
+
+    @property
+    def off_at(self) -> str:
+        """What the largest figure is of, as text."""
+        found = {
+            f"end condition {self.miss_at}": self.miss, f"state constraint {self.path_at}": self.path,
+            "box of the controls": self.box, "states other than the returned ones": self.drift,
+            f"objective {self.objective:.6g}, not the returned one": self.gap,
+        }  # fmt: skip
+        return self.error or max(found, key=lambda what: np.inf if np.isnan(found[what]) else found[what])
 
     @property
     def worst(self) -> float:

@@ -10,13 +10,12 @@ from socp.chain import judge
 from socp.errors import MethodError, SolveError
 from socp.following import Follower, sound
 from socp.hidden import revealed
-from socp.junctions import chattering
 from socp.mending import Candidate, mends, read, starts
 from socp.modes import arc_modes
 from socp.nlp import Watch, silent
 from socp.polish import polished
 from socp.problem import Problem
-from socp.search import Ration, Search, rank
+from socp.search import Ration, Search
 from socp.simulate import scales
 from socp.solution import Solution, Stop
 from socp.substitutes import substitutes
@@ -69,8 +68,7 @@ def refine(
                 queue += [(0.2 + 1e-3 * k, each) for k, each in enumerate(substitutes(problem, now))]
             continue
         search.solved.add(now.key)
-        if solution.extremal or rank(solution) < rank(search.best):
-            search.best = solution
+        search.keep(solution)
         residual = solution.verdict.residual if solution.verdict else 1.0
         queue += [(residual + 1e-3 * k, each) for k, each in enumerate(mends(problem, now, solution))]
     return search.best
@@ -139,43 +137,3 @@ def _sharpened(problem: Problem, word: Word, solution: Solution, backend: Ration
     if sharper.stop is Stop.INTERRUPTED:
         return replace(solution, stop=Stop.INTERRUPTED)
     return judge(problem, sharper) if sharper.stop.ok else solution
-
-
-# -- what is left to say
-
-
-def concluded(problem: Problem, search: Search, directs: list[Solution]) -> Solution:
-    """Return the certified solution, or else the best there is with what is left open in its message.
-
-    Of direct solutions, one at least, the one that misses least is taken where no word could be solved at all; one that
-    happens to be an extremal, its switches on the grid, goes before any word that is none.
-    """
-    if search.best is not None and (search.best.extremal or not search.best.stop.ok):
-        return search.best
-    judged = [judge(problem, each) for each in directs[:2] if each.stop.ok]  # those from the best start
-    certain = next((each for each in judged if each.extremal), None)
-    if certain is not None:
-        return certain
-    best = search.best or min(judged, key=_missed, default=None)
-    return directs[0] if best is None else replace(best, message=f"{best.message}; {explained(problem, search)}")
-
-
-def _missed(solution: Solution) -> float:
-    return solution.verdict.miss if solution.verdict else float("inf")
-
-
-def explained(problem: Problem, search: Search) -> str:
-    """Say in a sentence or two what a search without a certified word has left open."""
-    tried = f"no word of the {search.count} tried is certified" + (
-        ", and the work allowed for the search is done" if search.spent else ""
-    )
-    best = search.best
-    if best is None or best.verdict is None:
-        return f"{tried}; this is a direct solution"
-    names = chattering(problem, best)
-    if names:
-        return (
-            f"{', '.join(names)}: chattering; no finite number of switches joins a bang arc to a singular arc of even "
-            f"order inside its box, so the switches pile up where they meet; this word stands for infinitely many"
-        )
-    return f"{tried}; the best one leaves: {best.verdict.reasons[0] if best.verdict.reasons else 'nothing'}"

@@ -115,7 +115,7 @@ def _numbers(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _feasibility(data: Mapping[str, Any]) -> dict[str, Any]:
-    figures = {k: number(data[k]) for k in ("miss", "path", "box", "drift")}
+    figures = {k: number(data[k]) for k in ("miss", "path", "box", "drift", "objective", "gap") if k in data}
     return {**data, **figures, "end": tuple(number(v) for v in data["end"])}
 
 

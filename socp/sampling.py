@@ -19,6 +19,12 @@ POINTS = 10
 _INTERVALS = 16
 # switches and touches that get a joint of their own; more than that is ringing, which a uniform mesh shows as well
 _CUTS = 64
+# of an interval: how far inside it stands what an end of it takes where something jumps there; a solver places a kink
+# to some 1e-11 of the horizon, and the shortest intervals are a thousandth of that
+_INSIDE = 1e-8
+# of the largest value along the solution: what is no jump changes by less over so little of an interval
+_JUMPS = 1e-6
+_BY_NODE = {"fx", "G", "cx", "fp"}  # whose first axis is the node; the others have it last
 # passes that halve what is not smooth, the intervals they stop at, and the last Legendre coefficients that are smooth
 _HALVINGS, _MOST, _SMOOTH = 5, 100, 1e-6
 
@@ -53,30 +59,56 @@ class Samples:
 
     @cached_property
     def values(self) -> dict[str, np.ndarray]:
-        """The problem's functions and slopes at the nodes, by the names of the class's docstring."""
-        problem, n = self.problem, self.t.size
-        x, u, p = problem.x, problem.u, problem.p
-        c = column(constraint.expression for constraint in problem.constraints)
-        f, L = problem.rate, problem.lagrangian
-        named = {
-            "f": f, "L": L, "fx": casadi.jacobian(f, x), "Lx": casadi.jacobian(L, x).T, "G": problem.fields,
-            "L1": casadi.jacobian(L, u).T, "ft": casadi.jacobian(f, time), "Lt": casadi.jacobian(L, time), "c": c,
-            "cx": casadi.jacobian(c, x), "ct": casadi.jacobian(c, time), "fp": casadi.jacobian(f, p), "Lp":
-            casadi.jacobian(L, p).T,
-        }  # fmt: skip
-        dense = [casadi.densify(expression) for expression in named.values()]
-        function = casadi.Function("along", [x, u, time, p], dense)
-        results = function.map(n)(self.x, self.u, self.t[None, :], np.repeat(self.p[:, None], n, axis=1))
-        found = {}
-        for (name, expression), result in zip(named.items(), results, strict=True):
-            rows, columns = expression.shape
-            block = result.full().reshape(rows, n, columns) if columns else np.empty((rows, n, 0))
-            matrix = name in {"fx", "G", "cx", "fp"}
-            found[name] = (
-                block.transpose(1, 0, 2) if matrix else block[:, :, 0] if columns == 1 else block.reshape(rows, n)
-            )
-        found["L"], found["Lt"] = found["L"][0], found["Lt"][0]
+        """The problem's functions and slopes at the nodes, by the names of the class's docstring.
+
+        At an end of an interval they are those of its inside: on a kink, of a state or of time, either side has slopes
+        of its own, and the point itself those of neither. Where nothing jumps the node itself is taken.
+        """
+        found = _values(self.problem, (self.x, self.u, self.t, self.p))
+        first = np.arange(self.intervals) * self.width
+        ends = np.concatenate([first, first + self.width - 1])
+        step = _INSIDE * np.concatenate([np.diff(self.edges), -np.diff(self.edges)])
+        with np.errstate(invalid="ignore"):
+            x = self.x[:, ends] + found["f"][:, ends] * step
+        inside = _values(self.problem, (x, self.u[:, ends], self.t[ends] + step, self.p))
+        for name, values in found.items():
+            axis = 0 if name in _BY_NODE else -1
+            at, its = np.moveaxis(values, axis, -1), np.moveaxis(inside[name], axis, -1)
+            with np.errstate(invalid="ignore"):
+                jumps = np.abs(its - at[..., ends]) > _JUMPS * np.abs(at).max(initial=0.0)
+            at[..., ends] = np.where(jumps, its, at[..., ends])  # a view: this writes into what is found
         return found
+
+
+def _values(
+    problem: Problem, at: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """Return the functions and slopes of a problem at points: states (nx, n), controls (nu, n), times (n,), p (np,)."""
+    n, x, u, p = at[2].size, problem.x, problem.u, problem.p
+    c = column(constraint.expression for constraint in problem.constraints)
+    f, L = problem.rate, problem.lagrangian
+    named = {
+        "f": f, "L": L, "fx": casadi.jacobian(f, x), "Lx": casadi.jacobian(L, x).T, "G": problem.fields,
+        "L1": casadi.jacobian(L, u).T, "ft": casadi.jacobian(f, time), "Lt": casadi.jacobian(L, time), "c": c,
+        "cx": casadi.jacobian(c, x), "ct": casadi.jacobian(c, time), "fp": casadi.jacobian(f, p), "Lp":
+        casadi.jacobian(L, p).T,
+    }  # fmt: skip
+    dense = [casadi.densify(expression) for expression in named.values()]
+    function = casadi.Function("along", [x, u, time, p], dense)
+    results = function.map(n)(at[0], at[1], at[2][None, :], np.repeat(at[3][:, None], n, axis=1))
+    found = {}
+    for (name, expression), result in zip(named.items(), results, strict=True):
+        rows, columns = expression.shape
+        block = result.full().reshape(rows, n, columns) if columns else np.empty((rows, n, 0))
+        found[name] = (
+            block.transpose(1, 0, 2)
+            if name in _BY_NODE
+            else block[:, :, 0]
+            if columns == 1
+            else block.reshape(rows, n)
+        )
+    found["L"], found["Lt"] = found["L"][0], found["Lt"][0]
+    return found
 
 
 def sample(problem: Problem, solution: Solution) -> Samples:

@@ -49,6 +49,8 @@ class Feasibility(Record):
     feedback: bool
     end: Row
     error: str
+    objective: Number = None  # older files have none, nor `gap`
+    gap: Number = 0.0
 
 
 class Finding(Record):
@@ -77,7 +79,8 @@ class Verdict(Record):
     chattering: list[str]
     notes: list[str]
     remaining_error: Number = None  # older files have none, nor `flat`
-    flat: list[tuple[float, Number]] = []
+    flat: tuple[tuple[float, Number], ...] = ()
+    miss_at: str = ""
 
 
 class Agreement(Record):

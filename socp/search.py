@@ -6,10 +6,13 @@ from typing import final
 from socp.backends import Ipopt
 from socp.nlp import NLP, NLPPoint, Watch, silent
 from socp.solution import Node, Solution, Stop
+from socp.verdict import EXTREMAL, FEASIBLE
 
 _WORDS = 80  # words tried from all direct solutions together
 _WORK = 1e6  # iterations times variables in all: some ten seconds, and the same words at any speed
 _SETUP = 10  # iterations that building a programme is worth
+_ALIKE = 1e-3  # relative: objectives of one solution on two grids differ by as much
+_WORTH = 3.0  # times how far a re-integration is off: what that may be worth in the objective, relative as well
 
 # a right word takes tens of iterations; a wrong one should not take thousands
 _BACKEND = Ipopt({"tol": 1e-11, "max_iter": 300})
@@ -50,6 +53,14 @@ class Search:
     backend: Ration = field(default_factory=Ration)
     nodes: list[Node] = field(default_factory=list)
     rounded: bool = False
+    other: Solution | None = None
+
+    def keep(self, solution: Solution) -> None:
+        """Keep a judged word if it is the best; `other` remains the best of those that are not certified."""
+        if not solution.extremal and (self.other is None or precedes(solution, self.other)):
+            self.other = solution
+        if self.best is None or precedes(solution, self.best):
+            self.best = solution
 
     def watched(self, watch: Watch, word: str) -> Watch:
         """Return a watch that is told of the word being tried and of the best solution so far as well."""
@@ -85,8 +96,36 @@ def node(word: str, solution: Solution | None) -> Node:
     return Node(word=word, stop=solution.stop.name, objective=solution.objective, **judged)
 
 
+def precedes(one: Solution, other: Solution) -> bool:
+    """Tell whether one solution is to be preferred: an extremal, a feasible one, one whose control reaches less.
+
+    Where their objectives differ by no more than their re-integrations allow, the one that is less off goes first; of
+    two that are off by rounding alone, the one that reaches less.
+    """
+    if bool(one.extremal) != bool(other.extremal):
+        return bool(one.extremal)
+    miss, its = off(one), off(other)
+    if not max(miss, its) <= FEASIBLE:
+        return miss < its
+    if clearly(one, other) or clearly(other, one) or max(miss, its) <= EXTREMAL:
+        return one.reached < other.reached
+    return miss < its
+
+
+def clearly(one: Solution, other: Solution) -> bool:
+    """Tell whether the control of one solution reaches less than that of another beyond what both are off."""
+    doubt = _ALIKE + _WORTH * max(off(one), off(other))
+    return other.reached - one.reached > doubt * max(abs(one.reached), abs(other.reached))
+
+
+def off(solution: Solution) -> float:
+    """Return the largest figure of a solution's re-integration, infinite where there was none."""
+    return max((each.off for each in solution.verified), default=float("inf"))
+
+
 def rank(solution: Solution | None) -> tuple[bool, float]:
-    """Order solutions: feasible ones first, then by objective."""
+    """Order solutions: feasible ones first, by the objective that their controls reach, then others by their miss."""
     if solution is None or solution.verdict is None:
         return (True, float("inf"))
-    return (not solution.verdict.miss <= 1e-6, solution.objective)
+    feasible = solution.verdict.miss <= EXTREMAL
+    return (False, solution.reached) if feasible else (True, solution.verdict.miss)

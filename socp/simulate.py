@@ -1,7 +1,7 @@
 """Independent re-integration of a solution's control: where it really goes, against where the solution says."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import final
@@ -13,7 +13,7 @@ from scipy.integrate import DOP853
 from socp import laws
 from socp.arc import barycentric
 from socp.errors import MethodError
-from socp.misses import box_miss, end_miss, parameters_of, path_miss
+from socp.misses import box_miss, end_miss, objective_of, parameters_of, path_miss, running_size
 from socp.problem import Problem
 from socp.solution import Arc, Feasibility, Solution, lagrange
 from socp.symbols import time
@@ -29,10 +29,18 @@ Control = Callable[[float, np.ndarray], np.ndarray]  # (t, x (nx,)) -> u (nu,)
 
 
 def scales(problem: Problem, solution: Solution) -> np.ndarray:
-    """Return the magnitude of every state (nx,): the largest of its bounds, its ends and its size on the solution."""
+    """Return the magnitude of every state (nx,): the largest of its bounds, its ends and its size on the solution.
+
+    It serves to scale; what a solution claims is not measured by it, since a claimed state may be of any size.
+    """
+    return sizes(problem, solution.rows("x"))
+
+
+def sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
+    """Return the magnitude of every state (nx,): the largest of its bounds, its ends and its size on states (nx, n)."""
     given = np.vstack([problem.state_box, problem.start_box, problem.end_box])
     given = np.where(np.isfinite(given), np.abs(given), 0.0).max(axis=0)
-    magnitude: np.ndarray = np.maximum(given, np.nanmax(np.abs(solution.rows("x")), axis=1, initial=0.0))
+    magnitude: np.ndarray = np.maximum(given, np.nanmax(np.abs(x), axis=1, initial=0.0))
     return np.where(magnitude > 0, magnitude, 1.0)
 
 
@@ -144,79 +152,88 @@ def fast(function: casadi.Function) -> Callable[..., np.ndarray]:
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class _Log:
-    """Points looked at along the way."""
+    """Points looked at along the way, and how far (nx,) the claimed states were off at most."""
 
     t: list[float] = field(default_factory=list)
     x: list[np.ndarray] = field(default_factory=list)
     u: list[np.ndarray] = field(default_factory=list)
+    off: np.ndarray = field(default_factory=lambda: np.zeros(1))
 
     def keep(self, t: float, x: np.ndarray, u: np.ndarray) -> None:
         self.t.append(t)
         self.x.append(x)
         self.u.append(u)
 
+    def compare(self, x: np.ndarray, claimed: np.ndarray) -> None:
+        """Compare states (nx, k) with those claimed for the same times."""
+        self.off = np.maximum(self.off, np.abs(x - claimed).max(axis=1, initial=0.0))
+
 
 def _verify(problem: Problem, solution: Solution, pieces: list[list[_Piece]], *, feedback: bool) -> Feasibility:
-    scale, p, log = scales(problem, solution), parameters_of(problem, solution), _Log()
+    p, log = parameters_of(problem, solution), _Log()
     with np.errstate(all="ignore"):  # what overflows on the way ends as an error of the integration
-        x, drift, error = _travel(problem, solution, pieces, scale, log)
-    miss, miss_at = end_miss(problem, solution, x, scale)
-    path, path_at = path_miss(problem, p, scale, log.t, log.x)
-    box = box_miss(np.hstack([np.array(log.u).T, *(arc.u for arc in solution.arcs)]), problem.box)
+        y, error = _travel(problem, solution, pieces, log)
+        motion, x = (np.array(log.t), np.array(log.x).T, np.array(log.u).T), y[:-1]
+        scale = sizes(problem, motion[1])
+        objective, gap = objective_of(problem, solution, motion, scale, float(y[-1]))
+        miss, miss_at = end_miss(problem, solution, x, scale)
+        path, path_at = path_miss(problem, p, scale, log.t, log.x)
+    box = box_miss(np.hstack([motion[2], *(arc.u for arc in solution.arcs)]), problem.box)
     return Feasibility(
-        miss=miss, miss_at=miss_at, path=path, path_at=path_at, box=box, drift=drift, feedback=feedback,
-        end=tuple(x.tolist()), error=error,
+        miss=miss, miss_at=miss_at, path=path, path_at=path_at, box=box, drift=float(np.max(log.off / scale)),
+        feedback=feedback, end=tuple(x.tolist()), error=error, objective=math.nan if error else objective,
+        gap=gap,
     )  # fmt: skip
 
 
 def _travel(
-    problem: Problem, solution: Solution, pieces: list[list[_Piece]], scale: np.ndarray, log: _Log
-) -> tuple[np.ndarray, float, str]:  # fmt: skip
-    """Integrate over all pieces; returns the last state, the drift and, where it breaks down, the reason."""
-    drift, p = 0.0, parameters_of(problem, solution)
-    x = np.clip(solution.arcs[0].x[:, 0], *problem.start_box)
-    log.keep(solution.initial_time, x, pieces[0][0].control(solution.initial_time, x))
-    if not all(np.isfinite(values).all() for values in (x, solution.t, solution.rows("u"), p)):
-        return x, math.inf, "the solution itself is not finite"
-    flow = fast(casadi.Function("flow", [problem.x, problem.u, time, problem.p], [problem.rate]))
+    problem: Problem, solution: Solution, pieces: list[list[_Piece]], log: _Log
+) -> tuple[np.ndarray, str]:  # fmt: skip
+    """Integrate motion and running cost over all pieces; returns both at the end and, where it breaks down, why."""
+    p = parameters_of(problem, solution)
+    y = np.append(np.clip(solution.arcs[0].x[:, 0], *problem.start_box), 0.0)
+    log.keep(solution.initial_time, y[:-1], pieces[0][0].control(solution.initial_time, y[:-1]))
+    if not all(np.isfinite(values).all() for values in (y, solution.t, solution.rows("u"), p)):
+        log.off = np.array([math.inf])
+        return y, "the solution itself is not finite"
+    rates = casadi.vertcat(problem.rate, problem.lagrangian)
+    flow = fast(casadi.Function("flow", [problem.x, problem.u, time, problem.p], [rates]))
     horizon = solution.final_time - solution.initial_time
+    scale = np.append(scales(problem, solution), running_size(problem, solution))
     for arc, stretches in zip(solution.arcs, pieces, strict=True):
+        log.compare(y[:-1, None], arc.x[:, :1])
         for piece in stretches:
-            x, error = _integrate(partial(_rate, flow, piece.control, p), piece, x, (scale, horizon), log)
+            y, error = _integrate(partial(_rate, flow, piece.control, p), (piece, arc), y, (scale, horizon), log)
             if error:
-                return x, drift, error
-        drift = max(drift, float(np.max(np.abs(x - arc.x[:, -1]) / scale)))
-    return x, drift, ""
+                return y, error
+    return y, ""
 
 
-def _rate(flow: Callable[..., np.ndarray], control: Control, p: np.ndarray, t: float, x: np.ndarray) -> np.ndarray:
-    return flow(x, control(t, x), t, p)
+def _rate(flow: Callable[..., np.ndarray], control: Control, p: np.ndarray, t: float, y: np.ndarray) -> np.ndarray:
+    return flow(y[:-1], control(t, y[:-1]), t, p)
 
 
 def _integrate(
-    rate: Control, piece: _Piece, x: np.ndarray, size: tuple[np.ndarray, float], log: _Log
+    rate: Control, on: tuple[_Piece, Arc], y: np.ndarray, size: tuple[np.ndarray, float], log: _Log
 ) -> tuple[np.ndarray, str]:  # fmt: skip
-    """Integrate over one piece; returns the end state and, where it breaks down, the reason."""
-    scale, horizon = size
+    """Integrate over one piece of an arc; returns the end and, where it breaks down, the reason."""
+    (piece, arc), (scale, horizon) = on, size
     length = piece.end - piece.start
     if length <= 0:
-        return x, ""
+        return y, ""
     first, looks = (length, _GLANCES) if length < _SHORT * horizon else (None, _LOOKS)
-    solver = DOP853(rate, piece.start, x, piece.end, rtol=RTOL, atol=RTOL * scale, first_step=first)
+    solver = DOP853(rate, piece.start, y, piece.end, rtol=RTOL, atol=RTOL * scale, first_step=first)
     while solver.status == "running":
         message = solver.step()
-        if solver.status == "failed" or not np.all(np.abs(solver.y) <= _DIVERGED * scale):
+        if solver.status == "failed" or not np.all(np.abs(solver.y[:-1]) <= _DIVERGED * scale[:-1]):
             return solver.y, f"integration broke down at t = {solver.t:.6g}: {message or 'the state diverged'}"
-        for t, y in _looks(solver, looks):
-            log.keep(t, y, piece.control(t, y))
+        dense = solver.dense_output()
+        for t in np.linspace(solver.t_old, solver.t, looks + 1)[1:].tolist():
+            x = dense(t)[:-1]
+            log.keep(t, x, piece.control(t, x))
+        nodes = slice(*np.searchsorted(arc.t, [solver.t_old, solver.t], side="right"))
+        if nodes.start < nodes.stop:
+            log.compare(dense(arc.t[nodes])[:-1], arc.x[:, nodes])
     return solver.y, ""
-
-
-def _looks(solver: DOP853, count: int) -> Iterator[tuple[float, np.ndarray]]:
-    if solver.n == 0:
-        return
-    dense = solver.dense_output()
-    for t in np.linspace(solver.t_old, solver.t, count + 1)[1:]:
-        yield float(t), dense(t)

@@ -15,7 +15,7 @@ from socp.errors import SolveError
 from socp.files import read_text
 from socp.records import Agreement, Feasibility, Node
 from socp.results import SCHEMA, write_atomic
-from socp.verdict import Verdict
+from socp.verdict import EXTREMAL, Verdict
 
 if TYPE_CHECKING:
     from socp.problem import Problem
@@ -79,6 +79,20 @@ class Solution:
     def extremal(self) -> bool | None:
         """Whether the verdict certifies an extremal of Pontryagin's principle; None where nobody judged."""
         return None if self.verdict is None else self.verdict.extremal
+
+    @property
+    def reached(self) -> float:
+        """The objective that the returned control reaches by re-integration; the method's own where nobody verified."""
+        return self.objective if not self.verified else self.verified[0].objective
+
+    @property
+    def headline(self) -> tuple[str, ...]:
+        """The objective as a report tells it: what the control reaches first, where the method's own value differs."""
+        own = f"{self.objective:.12g}"
+        if not self.verified or self.verified[0].gap <= EXTREMAL:
+            return (own,)
+        told = "no value" if np.isnan(self.reached) else f"{self.reached:.12g}"
+        return (f"{told} reached by the control, re-integrated", f"{own} claimed by the method")
 
     @property
     def initial_time(self) -> float:

@@ -7,10 +7,13 @@ from typing import final
 
 from socp import notebook
 
-# a miss of one per cent of the states' own magnitude: what a second-order grid of some hundred steps reaches
+# one per cent of the magnitude of states and objective: what a second-order grid of some hundred steps reaches
 FEASIBLE = 1e-2
 # residuals of the principle, relative to the Hamiltonian's own terms: six digits, which no grid reaches by luck
 EXTREMAL = 1e-6
+# of the horizon: a shorter arc is none. What it is worth is at most its share of the horizon times the Hamiltonian's
+# magnitude, in which residuals are measured: below their tolerance no condition tells it from none
+SHORTEST = EXTREMAL
 # half as much variation again as the control's running mean: more than the shape of any arc adds
 RINGS = 1.5
 
@@ -46,11 +49,11 @@ class Finding:
 class Verdict:
     """The judgement of one solution by `socp.pmp.certify`.
 
-    - miss: worst relative violation found by re-integration;
+    - miss: the largest figure of re-integration, relative: a violation of ends, state constraints or box, or how far
+      the motion and its objective are from the states and the objective returned; miss_at: what it is of, as text;
     - findings: every condition of the principle with its residual;
-    - distance: the least worst-case residual that any multipliers leave, proved by a linear programme (over its
-    nodes); None
-      where the first multipliers already served;
+    - distance: the least worst-case residual that any multipliers leave, found by a linear programme over all nodes, in
+      the magnitude of the findings; None where the first multipliers already served;
     - chattering: controls that jump onto or off a singular arc of even order, which no finite word allows;
     - normality: the cost's own share of the Hamiltonian's magnitude, near 0 for an abnormal extremal;
     - legendre_clebsch: singular stretch -> the generalised Legendre-Clebsch expression at its worst, relative, not
@@ -78,10 +81,11 @@ class Verdict:
     digits: int = 0
     chattering: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    miss_at: str = ""
 
     @property
     def feasible(self) -> bool:
-        """Whether the re-integrated control meets all conditions within `FEASIBLE`."""
+        """Whether the re-integrated control meets all conditions and claims within `FEASIBLE`."""
         return self.miss <= FEASIBLE
 
     @property
@@ -95,7 +99,8 @@ class Verdict:
         broken = sorted((f for f in self.findings if not f.holds), key=lambda f: -f.residual)
         found = [str(finding) for finding in broken]
         if not self.miss <= EXTREMAL:
-            found.insert(0, f"the re-integrated control misses its conditions by {self.miss:.1e}")
+            what = f": {self.miss_at}" if self.miss_at else ""
+            found.insert(0, f"the re-integrated control is off by {self.miss:.1e}{what}")
         level = min(self.residual, EXTREMAL)  # a sign shows only where it stands out of the residuals
         found += [
             f"no strict sign of the switching function on {k}: {m:.1e}" for k, m in self.margins.items() if m <= level

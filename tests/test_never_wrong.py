@@ -158,11 +158,13 @@ def test_reasons_name_what_is_wrong() -> None:
     assert solution.verdict is not None
     wrong = judge(problem, replace(solution, objective=1.0)).verdict
     assert wrong is not None
-    assert wrong.reasons[0].startswith("objective is that of the states and controls")
+    assert wrong.reasons[0].startswith("the re-integrated control is off by 2.2e-01: objective 0.376992, not")
+    assert wrong.reasons[1].startswith("objective is that of the states and controls")
     arc = solution.arcs[1]
     wrong = judge(problem, replace(solution, arcs=(solution.arcs[0], replace(arc, modes=("-",))))).verdict
     assert wrong is not None
-    assert wrong.reasons[0].startswith("control keeps the mode of its arc on u, arc 2 (-)")
+    assert wrong.reasons[0].startswith("the re-integrated control is off by")  # as feedback it goes elsewhere
+    assert wrong.reasons[1].startswith("control keeps the mode of its arc on u, arc 2 (-)")
 
 
 def test_ten_thousand_steps_are_judged_at_few_nodes() -> None:

@@ -128,7 +128,7 @@ def test_verdict_shows_every_condition(solution: Solution) -> None:
 @pytest.mark.parametrize(
     ("verdict", "said"),
     [
-        (Verdict(miss=0.5), "not feasible: conditions missed by 5.0e-01"),
+        (Verdict(miss=0.5), "not feasible: re-integration off by 5.0e-01"),
         (Verdict(miss=1e-9), "not held against Pontryagin's principle"),
         (Verdict(miss=0.0, findings=(Finding(condition="c", residual=1e-9),)), "an extremal of Pontryagin's principle"),
         (Verdict(miss=0.0, findings=(Finding(condition="c", residual=1e-2),)), "not an extremal of .*: c: 1.0e-02"),

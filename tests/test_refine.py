@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from socp import Problem, Solution, controls, states
+from socp.conclusion import explained
 from socp.junctions import chattering
 from socp.mending import Candidate, candidate, insert, mends, merged, read
 from socp.nlp import NLP, NLPPoint
-from socp.refine import explained
 from socp.search import Ration, Search
 from socp.solution import Arc, Feasibility, Stop
 from socp.symbols import final_time

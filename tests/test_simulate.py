@@ -147,7 +147,7 @@ def test_parameters_and_time_reach_the_motion() -> None:
     found = verified(problem, replace(solution, parameters={"k": 0.7}))
     assert found.worst < 1e-12
     assert found.drift < 1e-12
-    assert verified(problem, replace(solution, parameters={"k": 0.8})).miss == pytest.approx(0.2 / 5.4)
+    assert verified(problem, replace(solution, parameters={"k": 0.8})).miss == pytest.approx(0.2 / 5.6)
 
 
 def test_steps_of_the_control_are_integrated_as_steps() -> None:

@@ -55,7 +55,8 @@ def lines(verdict: "Verdict", told: int = _TOLD) -> list[Text]:
     """Return a verdict in a few lines."""
     from socp.verdict import EXTREMAL, FEASIBLE
 
-    found = [_answer(verdict.feasible, "feasible", f"conditions missed by {verdict.miss:.1e} (allowed {FEASIBLE:.0e})")]
+    margin = f"re-integration off by {verdict.miss:.1e} (allowed {FEASIBLE:.0e})"
+    found = [_answer(verdict.feasible, "feasible", margin)]
     if verdict.findings:
         found.append(_answer(verdict.extremal, "extremal", f"residual {verdict.residual:.1e} (allowed {EXTREMAL:.0e})"))
     found += [Text(f"  {reason}", "red") for reason in verdict.reasons[:told]]

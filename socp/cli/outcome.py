@@ -57,12 +57,13 @@ def infeasible(solution: "Solution") -> bool:
     return solution.verdict is not None and not solution.verdict.feasible
 
 
-def objective(solution: "Solution") -> str:
+def objective(solution: "Solution") -> tuple[str, ...]:
     """Return the objective for a report; that of an infeasible point is none."""
-    value = f"{solution.objective:.12g}"
     if not infeasible(solution):
-        return value
-    return "none: the point is infeasible" + ("" if value == "nan" else f" (its value {value})")
+        return solution.headline
+    own = f"{solution.objective:.12g}"
+    none = "none: the point is infeasible" + ("" if own == "nan" else f" (its value {own})")
+    return (none, solution.headline[0]) if len(solution.headline) > 1 else (none,)
 
 
 def initial_time(solution: "Solution") -> float:

@@ -12,6 +12,7 @@ from rich.text import Text
 from socp.cli import outcome
 from socp.cli.checking import lines, plain
 from socp.errors import MethodError
+from socp.verdict import EXTREMAL
 
 if TYPE_CHECKING:
     from socp.problem import Problem
@@ -27,12 +28,13 @@ def facts(problem: "Problem", solution: "Solution") -> dict[str, Any]:
         "outcome": outcome.outcome(solution).name, "solved": outcome.outcome(solution).answer,
         "stop": solution.stop.name, "message": solution.message,
         "objective": None if outcome.infeasible(solution) else solution.objective, "value": solution.objective,
+        "objective_reached": solution.reached,
         "initial_time": solution.initial_time, "final_time": solution.final_time,
         "parameters": solution.parameters, "nodes": int(solution.t.size),
         "word": None if outcome.infeasible(solution) else solution.word, "switches": solution.switches,
         "structure": solution.structure,
         "total_variation": variations(solution),
-        "verified": [{**asdict(each), "worst": each.worst} for each in solution.verified],
+        "verified": [{**asdict(each), "worst": each.worst, "off": each.off} for each in solution.verified],
         "verdict": None if solution.verdict is None else plain(solution.verdict),
         "iterations": solution.iterations, "seconds": solution.seconds,
         "reference": None if outcome.infeasible(solution) else to_reference(problem, solution),
@@ -50,8 +52,8 @@ def switching(solution: "Solution") -> dict[str, list[float]]:
 
 
 def worst(solution: "Solution") -> float:
-    """Return the worst violation that re-integration found, by time and by feedback."""
-    return max((each.worst for each in solution.verified), default=float("nan"))
+    """Return the largest figure of re-integration, by time and by feedback."""
+    return max((each.off for each in solution.verified), default=float("nan"))
 
 
 def to_reference(problem: "Problem", solution: "Solution") -> dict[str, Any] | None:
@@ -93,7 +95,7 @@ def report(problem: "Problem", solution: "Solution", path: str) -> Table:
     seconds, came_to = solution.seconds, outcome.outcome(solution)
     grid.add_row("method", Text(_method(solution)))
     grid.add_row("outcome", Text(came_to.value, "green" if came_to.answer else "red"))
-    grid.add_row("objective", outcome.objective(solution))
+    _labelled(grid, "objective", outcome.objective(solution))
     if outcome.initial_time(solution):
         grid.add_row("initial time", f"{solution.initial_time:.12g}")
     grid.add_row("final time", outcome.final_time(problem, solution))
@@ -154,6 +156,9 @@ def sentence(found: "Feasibility") -> Text:
         parts.append(f"path violated by {small(found.path)}" + (f" at {found.path_at}" if found.path else ""))
     if found.box:
         parts.append(f"box violated by {small(found.box)}")
+    parts.append(f"states off by {small(found.drift)}")
+    if found.gap > EXTREMAL:
+        parts.append(f"objective {found.objective:.6g}")
     return Text(f"{how}: {', '.join(parts)}")
 
 

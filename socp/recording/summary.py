@@ -69,7 +69,7 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def _verdict(verdict: Verdict | None) -> str:
     if verdict is None:
         return "## Verdict\n\nnot judged"
-    parts = [f"## Verdict: {_judgement(verdict)}", f"conditions missed by {_small(verdict.miss)}"]
+    parts = [f"## Verdict: {_judgement(verdict)}", f"re-integration off by {_small(verdict.miss)}"]
     parts += [f"- {markdown(reason)}" for reason in verdict.reasons]
     findings = [
         (f"{each.residual:.1e}", markdown(each.condition), markdown(each.where),
