@@ -1,7 +1,7 @@
 """Singular arcs: differentiate the switching functions until the controls appear, and solve for them."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import final
 
 import casadi
@@ -11,7 +11,13 @@ from socp import points as sampled
 from socp.brackets import extended, switching_row
 from socp.errors import MethodError
 from socp.extremal import DEEPEST, Contact, Setting, equations, reduced
+from socp.invariant import closed
 from socp.symbols import Expr
+
+_MANY = 240  # points tried where COUNT of them show no law: the arc may lie in a corner of the states
+_QUORUM = 2  # points at which a control has to appear: one might be chance
+_LEVEL = 1e-7  # of the sum of its terms: less is what a point that comes near a surface leaves of zero
+_BRANCHES = 24  # ways of going on that are tried from one set of points
 
 
 @final
@@ -43,107 +49,180 @@ class Chain:
     points: np.ndarray
 
 
-@dataclass(eq=False)
+class Lost(MethodError):
+    """No law was found from these points: others may show one."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
 class _Search:
-    """The state of the differentiation: rows so far, the same unreduced, and points on their surface."""
+    """The state of the differentiation: rows so far, points on their surface, and the links of the controls.
+
+    `left` have been differentiated as often as any; `now` are to be followed this round, with their derivative (row
+    without the singular controls, rows of these); `solved` hold a singular control.
+    """
 
     setting: Setting
     touch: Contact
-    rows: list[Expr]
     points: np.ndarray
+    rows: tuple[Expr, ...] = ()
     goh: int = 0
-    solved: dict[int, tuple[Expr, list[Expr], Link]] = field(default_factory=dict)
+    left: Mapping[int, Link] = field(default_factory=dict)
+    now: Mapping[int, tuple[Link, Expr, list[Expr]]] = field(default_factory=dict)
+    solved: Mapping[int, tuple[Expr, list[Expr], Link]] = field(default_factory=dict)
 
-    def add(self, row: Expr, what: str) -> tuple[Expr, Expr]:
-        """Add a row, without its common factor where that leaves points; return (factor, row).
-
-        Raises MethodError where no point is left.
-        """
-        factor, short = reduced(row)
-        for scale, candidate in ((factor, short), (casadi.SX(1), row)):
-            at = sampled.onto(
-                self.setting.problem, equations(self.setting, self.touch, [*self.rows, candidate]), self.points
+    def add(self, row: Expr, what: str, points: np.ndarray | None = None) -> "_Search":
+        """Return the search with one more row that vanishes, at points moved onto it; Lost where none arrives."""
+        start, rows = self.points if points is None else points, (*self.rows, row)
+        at = sampled.onto(self.setting.problem, equations(self.setting, self.touch, rows), start)
+        if not at.shape[1]:
+            raise Lost(
+                f"{self.setting.name()}: no such arc was found: no state and costate satisfy {what} with all that "
+                f"precedes it ({start.shape[1]} points tried)"
             )
-            if at.shape[1]:
-                self.rows, self.points = [*self.rows, candidate], at
-                return scale, candidate
-        raise MethodError(
-            f"{self.setting.name()}: no such arc was found: no state and costate satisfy {what} with all that "
-            f"precedes it ({self.points.shape[1]} points tried)"
-        )
+        return replace(self, rows=rows, points=at)
 
-    def holds(self, rows: Sequence[Expr]) -> np.ndarray:
-        """Tell which rows are generically nonzero on the surface (n,)."""
-        values = casadi.vertcat(*(casadi.mtimes(row, extended(self.setting.problem)) for row in rows))
-        return sampled.nonzero(self.setting.problem, values, self.points)[:, 0]
+    def real(self, rows: Sequence[Expr]) -> np.ndarray:
+        """Tell which rows differ from zero at which points (n, rows): by more than round-off and the points' error."""
+        z = extended(self.setting.problem)
+        stack = casadi.vertcat(*rows)
+        evaluate = sampled.evaluator(
+            self.setting.problem, casadi.mtimes(stack, z), casadi.mtimes(casadi.fabs(stack), casadi.fabs(z))
+        )
+        value, terms = (each[:, :, 0] for each in evaluate(self.points))
+        found: np.ndarray = sampled.real(self.setting.problem, lambda at: evaluate(at)[0][:, :, 0], self.points)
+        with np.errstate(invalid="ignore"):
+            return found & (np.abs(value) > _LEVEL * terms)
+
+    def holds(self, rows: Sequence[Expr]) -> bool:
+        """Tell whether a row differs from zero at most of the points."""
+        return bool((self.real(rows).mean(axis=0) > 0.5).any())
 
 
 def chain(setting: Setting, touch: Contact) -> Chain:
     """Differentiate sigma of every singular control until singular controls appear in all of them.
 
-    Raises MethodError, naming the case, where a control never appears (infinite order), no point satisfies the
-    conditions, the controls do not follow from them, or a control that varies freely would have to be differentiated.
+    Where the surface of the conditions has several branches, each is followed until one shows a law. Raises
+    MethodError, naming the case, where no control appears, proved to be so or not, no point satisfies the conditions,
+    the controls do not follow from them, or a control that varies freely would have to be differentiated.
     """
-    search = _begin(setting, touch)
-    links = {}
-    for i in setting.singular:
-        factor, row = search.add(switching_row(setting.problem, i), f"sigma_{setting.problem.control_names[i]} = 0")
-        links[i] = Link(row, factor)
-    while links:
-        links = _advance(search, links)
-    found = [search.solved[i] for i in setting.singular]
-    _solvable(search, [slopes for _, slopes, _ in found])
-    return Chain(
-        rows=search.rows, rest=[a for a, _, _ in found], slopes=[b for _, b, _ in found],
-        factors=[link.factor for _, _, link in found],
-        orders=[link.depth // 2 for _, _, link in found], goh=search.goh, points=search.points,
-    )  # fmt: skip
+    problem, first = setting.problem, None
+    for points in (sampled.admissible(problem), *sampled.noted(problem), sampled.admissible(problem, _MANY)):
+        try:
+            found = _followed(_begun(setting, touch, points), [_BRANCHES])
+        except Lost as error:
+            first = first or error
+            continue
+        parts = [found.solved[i] for i in setting.singular]
+        return Chain(
+            rows=list(found.rows), rest=[a for a, _, _ in parts], slopes=[b for _, b, _ in parts],
+            factors=[link.factor for _, _, link in parts],
+            orders=[link.depth // 2 for _, _, link in parts], goh=found.goh, points=found.points,
+        )  # fmt: skip
+    raise first or Lost(setting.name())
 
 
-def _begin(setting: Setting, touch: Contact) -> _Search:
-    search = _Search(setting, touch, [], sampled.admissible(setting.problem))
+def _begun(setting: Setting, touch: Contact, points: np.ndarray) -> _Search:
+    search = _Search(setting, touch, points)
     for row in touch.rows:
-        search.add(row, "sigma = 0 of its boundary controls")
-    return search
+        search = search.add(reduced(row)[1], "sigma = 0 of its boundary controls")
+    sigmas = {i: Link(switching_row(setting.problem, i), casadi.SX(1), -1) for i in setting.singular}
+    return replace(search, now={i: (link, link.row, []) for i, link in sigmas.items()})
 
 
-def _advance(search: _Search, links: dict[int, Link]) -> dict[int, Link]:
-    """Differentiate all links once; those in which a singular control appears move to `solved`."""
-    setting = search.setting
-    _steady(setting, links)
-    split = {i: _split(search, link) for i, link in links.items()}
-    depth = next(iter(links.values())).depth + 1
-    if depth > DEEPEST:
-        raise MethodError(f"{setting.name()}: no singular control appears in {DEEPEST} derivatives (infinite order)")
-    if depth % 2:
-        _goh(search, [slope for _, slopes in split.values() for slope in slopes], depth)
-    left = {}
-    for i, (rest, slopes) in split.items():
-        name = setting.problem.control_names[i]
-        if search.holds(slopes).any():
-            search.solved[i] = (rest, slopes, Link(rest, links[i].factor, depth))
-        elif not search.holds([rest]).any():
-            raise MethodError(
-                f"{setting.name()}: sigma_{name} vanishes with all its derivatives from the {_nth(depth)} on, and no "
-                "singular control appears in them (infinite order): the principle leaves the control open"
-            )
-        else:
-            factor, row = search.add(rest, f"sigma_{name}^({depth}) = 0")
-            left[i] = Link(row, links[i].factor * factor, depth)
-    return left
+def _followed(search: _Search, budget: list[int]) -> _Search:
+    """Return the search with all links solved, by the first way of going on that leads there; depth first."""
+    if not search.now and search.left:
+        search = _differentiated(search)
+    if not search.now:
+        return _solvable(search)
+    lost: Lost | None = None
+    for step in _ways(search):
+        if budget[0] <= 0:
+            break
+        budget[0] -= 1
+        try:
+            return _followed(step(), budget)
+        except Lost as error:
+            lost = lost or error
+    raise lost or _nothing(search)
+
+
+def _ways(search: _Search) -> Iterator[Callable[[], _Search]]:
+    """Yield what may be next on the branches that the points lie on, that of most points first.
+
+    Points at which neither the controls nor the rest of the derivative is left, such as a costate that vanishes, decide
+    nothing where there are others.
+    """
+    i, (link, rest, slopes) = next(iter(search.now.items()))
+    later = {k: each for k, each in search.now.items() if k != i}
+    held = search.real(slopes).any(axis=1) if slopes else np.zeros(search.points.shape[1], dtype=bool)
+    open_ = ~held & (search.real([rest])[:, 0] if slopes else True)
+    depth = link.depth + 1
+
+    def solved() -> _Search:
+        done = {**search.solved, i: (rest, slopes, replace(link, row=rest, depth=depth))}
+        return replace(search, points=search.points[:, held], now=later, solved=done)
+
+    def vanishing(factor: Expr, row: Expr) -> Callable[[], _Search]:
+        def step() -> _Search:
+            name = search.setting.problem.control_names[i]
+            what = f"sigma_{name}^({depth}) = 0" if depth else f"sigma_{name} = 0"
+            found = search.add(row, what, search.points[:, open_])
+            return replace(found, now=later, left={**search.left, i: Link(row, link.factor * factor, depth)})
+
+        return step
+
+    on = [vanishing(*each) for each in _factored(search, rest)] if open_.any() else []
+    enough = [solved] if held.sum() >= _QUORUM or (held.any() and not open_.any()) else []
+    yield from (enough + on if held.sum() >= open_.sum() else on + enough)
+
+
+def _factored(search: _Search, row: Expr) -> Iterator[tuple[Expr, Expr]]:
+    """Yield (factor, row) for every way in which a row may vanish: without its common factor, then the factor itself."""
+    factor, short = reduced(row)
+    yield factor, short
+    if not factor.is_constant():
+        alone = casadi.SX(1, row.numel())
+        alone[row.numel() - 1] = factor
+        yield casadi.mtimes(short, extended(search.setting.problem)), casadi.sparsify(alone)
+
+
+def _nothing(search: _Search) -> Lost:
+    """Return the error of a link that vanishes at all points: whether that is proved, or only all that was found."""
+    i, (link, rest, slopes) = next(iter(search.now.items()))
+    name, depth, count = search.setting.problem.control_names[i], link.depth + 1, search.points.shape[1]
+    if closed(search.setting, search.touch, search.rows, [rest, *slopes]):
+        return Lost(
+            f"{search.setting.name()}: sigma_{name} vanishes with all its derivatives from the {_nth(depth)} on, and "
+            "no singular control appears in them (infinite order): the principle leaves the control open"
+        )
+    return Lost(
+        f"{search.setting.name()}: no law was found: at all {count} points found on sigma_{name} = 0 and its "
+        f"derivatives the {_nth(depth)} vanishes too, which proves nothing"
+    )
 
 
 def _nth(k: int) -> str:
     return {1: "1st", 2: "2nd", 3: "3rd"}.get(k, f"{k}th")
 
 
-def _steady(setting: Setting, links: dict[int, Link]) -> None:
+def _differentiated(search: _Search) -> _Search:
+    """Return the search with the derivatives of all links as the next to follow, Goh's condition required of them."""
+    setting, links = search.setting, search.left
     for i, link in links.items():
         if setting.varying.numel() and casadi.depends_on(link.row, setting.varying):
             raise MethodError(
                 f"{setting.name()}: the law of '{setting.problem.control_names[i]}' depends on the rate of change of a "
                 "free control"
             )
+    depth = next(iter(links.values())).depth + 1
+    if depth > DEEPEST:
+        raise Lost(f"{setting.name()}: no law was found: no singular control appears in {DEEPEST} derivatives")
+    split = {i: _split(search, link) for i, link in links.items()}
+    if depth % 2:
+        search = _goh(search, [slope for _, slopes in split.values() for slope in slopes], depth)
+    return replace(search, left={}, now={i: (links[i], *split[i]) for i in links})
 
 
 def _split(search: _Search, link: Link) -> tuple[Expr, list[Expr]]:
@@ -157,7 +236,7 @@ def _split(search: _Search, link: Link) -> tuple[Expr, list[Expr]]:
     ]
 
 
-def _goh(search: _Search, slopes: list[Expr], depth: int) -> None:
+def _goh(search: _Search, slopes: list[Expr], depth: int) -> _Search:
     """Require the coefficients of singular controls in odd derivatives to vanish, as a minimum needs (Goh, Robbins).
 
     They vanish all along the arc, so their derivatives do; one that holds a singular control ends this.
@@ -165,27 +244,33 @@ def _goh(search: _Search, slopes: list[Expr], depth: int) -> None:
     what = f"Goh's condition on the sigma^({depth})"
     for slope in slopes:
         row = slope
-        while search.goh < DEEPEST and search.holds([row]).any():
+        while search.goh < DEEPEST and search.holds([row]):
             if search.solved:
                 name = search.setting.name()
                 raise MethodError(f"{name}: singular controls of different orders act on each other; not derived")
-            _, row = search.add(row, what)
-            search.goh += 1
+            row = reduced(row)[1]
+            search = search.add(row, what)
+            search = replace(search, goh=search.goh + 1)
             rest, held = _split(search, Link(row, casadi.SX(1)))
-            if search.holds(held).any():
+            if search.holds(held):
                 break
             row = rest
+    return search
 
 
-def _solvable(search: _Search, slopes: list[list[Expr]]) -> None:
+def _solvable(search: _Search) -> _Search:
+    """Return a finished search whose conditions determine the controls, at its points where they do."""
+    slopes = [search.solved[i][1] for i in search.setting.singular]
     names = search.setting.problem.control_names
     odd = [names[i] for i in search.setting.singular if search.solved[i][2].depth % 2]
     matrix = sampled.evaluator(search.setting.problem, matrix_of(slopes, extended(search.setting.problem)))
-    if odd or not sampled.generic(search.setting.problem, lambda at: np.linalg.det(matrix(at)[0]), search.points):
-        raise MethodError(
+    regular = sampled.real(search.setting.problem, lambda at: np.linalg.det(matrix(at)[0]), search.points)
+    if odd or not regular.any():
+        raise Lost(
             f"{search.setting.name()}: the conditions hold these controls but do not determine them "
             f"({'odd order of ' + odd[0] if odd else 'their matrix is singular everywhere: vanishing denominator'})"
         )
+    return replace(search, points=search.points[:, regular])
 
 
 def matrix_of(slopes: list[list[Expr]], z: Expr) -> Expr:
