@@ -46,7 +46,8 @@ def reached(problem: Problem, count: int) -> np.ndarray:
     x = _inside(problem, x + _STRAY * moved * random.standard_normal(x.shape))
     size = np.sqrt(np.mean(x**2, axis=1, keepdims=True)) + 1e-12
     t = t0 + lengths
-    costate = random.standard_normal(x.shape) * _cost(problem, x, t, p) / np.where(size > 1e-9, size, 1.0)
+    worth = _cost(problem, x, t, p) * whole  # of the way, in the objective's units
+    costate = random.standard_normal(x.shape) * worth / np.where(size > 1e-9, size, 1.0)
     return np.vstack([t[None, :], x, p, costate, _bangs(problem, count, random)])
 
 

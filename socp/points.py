@@ -7,14 +7,18 @@ import casadi
 import numpy as np
 
 from socp.drawing import reached
+from socp.pace import ends
 from socp.problem import Problem
 from socp.symbols import Expr, time
 
 COUNT = 24  # points; a false "zero" would need chance to strike at most of them
+_MANY = 240  # points where COUNT of them are too few: what is looked for may lie in a corner of the states
+_DECADES = 4.0  # of sizes over which states are scattered
 _PASSES = 60  # Gauss-Newton steps at most; from afar each may move no further than the states spread
 _INERTIA = 0.1  # of states against costates: the costate moves first, the state only where it has to
 _PATIENCE = 8  # steps after which half of the points are enough, and after which a point must have come nearer
 _PROGRESS = 0.9  # of the residual so many steps before: a point with more is stuck where the surface is not
+_TOUCH = 1e-6  # of its spread: a state as near to a bound still moves by as much
 _CLOSE = 1e-11  # residual, relative to the size of its terms, of a point that lies on the surface
 _NUDGE = 1e-7  # relative perturbation that tells a number from round-off: a number hardly changes, round-off does
 _FAR = 1e3  # spreads: a point moved further than this lies where the problem does not live
@@ -64,6 +68,18 @@ def admissible(problem: Problem, count: int = COUNT) -> np.ndarray:
     return known[count].copy()
 
 
+def scattered(problem: Problem) -> np.ndarray:
+    """Return many points (nv, n), every state of every second one nearer to where it starts by a random power of ten.
+
+    Rates that saturate, of growth or of a reaction, bend where their state is small; motions seldom stay there.
+    """
+    points, nx = admissible(problem, _MANY), problem.x.numel()
+    near, x0 = points[1 : 1 + nx, ::2], ends(problem)[0][:, None]
+    share = 10.0 ** np.random.default_rng(4).uniform(-_DECADES, 0.0, near.shape)
+    points[1 : 1 + nx, ::2] = x0 + share * (near - x0)
+    return points
+
+
 def note(problem: Problem, points: np.ndarray) -> None:
     """Keep points (nv, n) that a solution of the problem shows: laws are looked for from them too."""
     _NOTED.setdefault(problem, []).append(points)
@@ -74,10 +90,12 @@ def noted(problem: Problem) -> tuple[np.ndarray, ...]:
     return tuple(reversed(_NOTED.get(problem, [])))
 
 
-def onto(problem: Problem, equations: Expr, points: np.ndarray) -> np.ndarray:
+def onto(problem: Problem, equations: Expr, points: np.ndarray, *, interior: bool = False) -> np.ndarray:
     """Move points (nv, n) in state and costate onto `equations` = 0 (m, 1); return those that arrive (nv, k).
 
-    Points within the state bounds are preferred: others are returned only where there are none within.
+    Points within the state bounds are preferred: others are returned only where there are none within. In the
+    `interior` states are measured by how far they are from their bounds, as interior point methods do: where a
+    population or a concentration is zero much vanishes, and no law holds.
     """
     if not equations.numel() or not points.shape[1]:
         return points
@@ -85,10 +103,12 @@ def onto(problem: Problem, equations: Expr, points: np.ndarray) -> np.ndarray:
     movable = np.r_[1 : 1 + problem.x.numel(), first : first + problem.x.numel()]
     evaluate = evaluator(problem, equations, casadi.jacobian(equations, symbols(problem)[movable.tolist()]))
     size, start = spread(problem)[movable], points[movable]
-    weight = np.where(np.arange(size.size) < problem.x.numel(), _INERTIA * size, size)
+    weights = np.where(np.arange(size.size) < problem.x.numel(), _INERTIA * size, size)[:, None]
+    room = _room(problem) if interior else None
     points, arrived = points.copy(), np.zeros(points.shape[1], dtype=bool)
     active, before = np.arange(points.shape[1]), np.full(points.shape[1], np.inf)
     for k in range(_PASSES):
+        weight = weights if room is None else np.minimum(weights, room(points[:, active]))
         there, step, left = _newton(evaluate, points[:, active], weight)
         points[np.ix_(movable, active)] += step  # of those that are there once more: the error squares
         arrived[active[there]] = True
@@ -137,13 +157,26 @@ def real(problem: Problem, value: Callable[[np.ndarray], np.ndarray], points: np
     return found
 
 
+def _room(problem: Problem) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a function of points (nv, n): the step (m, n) of states and costates that leaves half the way to a bound."""
+    nx, (low, high) = problem.x.numel(), (side[:, None] for side in problem.state_box)
+    least = _TOUCH * spread(problem)[1 : 1 + nx, None]
+
+    def room(points: np.ndarray) -> np.ndarray:
+        x = points[1 : 1 + nx]
+        nearest = np.maximum(np.minimum(np.abs(x - low), np.abs(high - x)), least)
+        return np.vstack([_INERTIA * nearest / 2, np.full((nx, points.shape[1]), np.inf)])
+
+    return room
+
+
 def _newton(evaluate: Evaluate, points: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which points lie on the surface (n,), the step (m, n) of the movable symbols, of sizes weight (m,), and
+    """Return which points lie on the surface (n,), the step (m, n) of the movable symbols, of sizes weight (m, n), and
     the residual of every point (n,) relative to the terms of the equations.
     """
     with np.errstate(all="ignore"):
         value, slope = evaluate(points)
-        value, scaled = value[:, :, 0], slope * weight
+        value, scaled = value[:, :, 0], slope * weight.T[:, None, :]
         terms = np.abs(scaled).sum(axis=2)
         arrived = (np.abs(value) <= _CLOSE * terms).all(axis=1)
         rows = np.where(terms > 0, terms, 1.0)
@@ -153,7 +186,7 @@ def _newton(evaluate: Evaluate, points: np.ndarray, weight: np.ndarray) -> tuple
         step = -np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=1e-9), right)
         length = np.linalg.norm(step, axis=1, keepdims=True)
         step *= np.minimum(1.0, 1.0 / (_INERTIA * length).clip(1e-300))
-    return arrived & finite, (step * weight).T, np.linalg.norm(right, axis=1)
+    return arrived & finite, step.T * weight, np.linalg.norm(right, axis=1)
 
 
 def _within(problem: Problem, points: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Singular arcs: differentiate the switching functions until the controls appear, and solve for them."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import final
 
@@ -10,13 +11,13 @@ import numpy as np
 from socp import points as sampled
 from socp.brackets import extended, switching_row
 from socp.errors import MethodError
-from socp.extremal import DEEPEST, Contact, Setting, equations, reduced
+from socp.extremal import DEEPEST, Contact, Setting, equations, homogeneous, reduced
 from socp.invariant import closed
 from socp.symbols import Expr
 
-_MANY = 240  # points tried where COUNT of them show no law: the arc may lie in a corner of the states
 _QUORUM = 2  # points at which a control has to appear: one might be chance
 _LEVEL = 1e-7  # of the sum of its terms: less is what a point that comes near a surface leaves of zero
+_ASIDES = 3  # costates at most that are put aside: conserved quantities of one problem
 _BRANCHES = 24  # ways of going on that are tried from one set of points
 
 
@@ -59,12 +60,15 @@ class _Search:
     """The state of the differentiation: rows so far, points on their surface, and the links of the controls.
 
     `left` have been differentiated as often as any; `now` are to be followed this round, with their derivative (row
-    without the singular controls, rows of these); `solved` hold a singular control.
+    without the singular controls, rows of these); `solved` hold a singular control. The search began at the points
+    `start`, the costates of the states `aside` being zero.
     """
 
     setting: Setting
     touch: Contact
+    start: np.ndarray
     points: np.ndarray
+    aside: tuple[int, ...] = ()
     rows: tuple[Expr, ...] = ()
     goh: int = 0
     left: Mapping[int, Link] = field(default_factory=dict)
@@ -74,7 +78,10 @@ class _Search:
     def add(self, row: Expr, what: str, points: np.ndarray | None = None) -> "_Search":
         """Return the search with one more row that vanishes, at points moved onto it; Lost where none arrives."""
         start, rows = self.points if points is None else points, (*self.rows, row)
-        at = sampled.onto(self.setting.problem, equations(self.setting, self.touch, rows), start)
+        own = casadi.vertcat(
+            equations(self.setting, self.touch, rows), *(self.setting.problem.costate[j] for j in self.aside)
+        )
+        at = sampled.onto(self.setting.problem, own, start, interior=not self.setting.boundary)
         if not at.shape[1]:
             raise Lost(
                 f"{self.setting.name()}: no such arc was found: no state and costate satisfy {what} with all that "
@@ -107,7 +114,7 @@ def chain(setting: Setting, touch: Contact) -> Chain:
     the controls do not follow from them, or a control that varies freely would have to be differentiated.
     """
     problem, first = setting.problem, None
-    for points in (sampled.admissible(problem), *sampled.noted(problem), sampled.admissible(problem, _MANY)):
+    for points in (sampled.admissible(problem), *sampled.noted(problem), sampled.scattered(problem)):
         try:
             found = _followed(_begun(setting, touch, points), [_BRANCHES])
         except Lost as error:
@@ -122,8 +129,8 @@ def chain(setting: Setting, touch: Contact) -> Chain:
     raise first or Lost(setting.name())
 
 
-def _begun(setting: Setting, touch: Contact, points: np.ndarray) -> _Search:
-    search = _Search(setting, touch, points)
+def _begun(setting: Setting, touch: Contact, points: np.ndarray, aside: tuple[int, ...] = ()) -> _Search:
+    search = _Search(setting, touch, points, points, aside)
     for row in touch.rows:
         search = search.add(reduced(row)[1], "sigma = 0 of its boundary controls")
     sigmas = {i: Link(switching_row(setting.problem, i), casadi.SX(1), -1) for i in setting.singular}
@@ -136,6 +143,9 @@ def _followed(search: _Search, budget: list[int]) -> _Search:
         search = _differentiated(search)
     if not search.now:
         return _solvable(search)
+    for begin in _aside(search):
+        with suppress(Lost):  # what it comes to says nothing of the points at hand
+            return _followed(begin(), budget)
     lost: Lost | None = None
     for step in _ways(search):
         if budget[0] <= 0:
@@ -148,6 +158,31 @@ def _followed(search: _Search, budget: list[int]) -> _Search:
     raise lost or _nothing(search)
 
 
+def _sorted(search: _Search) -> tuple[np.ndarray, np.ndarray]:
+    """Tell at which points (n,) the next link holds a singular control, and at which others its rest does not vanish."""
+    _, rest, slopes = next(iter(search.now.values()))
+    if not slopes:  # sigma itself
+        return np.zeros(search.points.shape[1], dtype=bool), np.ones(search.points.shape[1], dtype=bool)
+    held = search.real(slopes).any(axis=1)
+    return held, ~held & search.real([rest])[:, 0]
+
+
+def _aside(search: _Search) -> Iterator[Callable[[], _Search]]:
+    """Yield the search begun anew with one costate zero, where at most points nothing is left of the next link.
+
+    The gradient of a conserved quantity may be added to every costate, and alone it satisfies everything: so one
+    costate may be put to zero, the largest at these points.
+    """
+    _, rest, slopes = next(iter(search.now.values()))
+    held, open_ = _sorted(search)
+    if held.sum() + open_.sum() >= search.points.shape[1] / 2 or len(search.aside) >= _ASIDES:
+        return
+    j = _largest(search, ~held & ~open_)
+    proved = closed(search.setting, search.touch, search.rows, [rest, *slopes])
+    if homogeneous(search.setting.problem) and j not in search.aside and not proved:
+        yield lambda: _begun(search.setting, search.touch, search.start, (*search.aside, j))
+
+
 def _ways(search: _Search) -> Iterator[Callable[[], _Search]]:
     """Yield what may be next on the branches that the points lie on, that of most points first.
 
@@ -156,8 +191,7 @@ def _ways(search: _Search) -> Iterator[Callable[[], _Search]]:
     """
     i, (link, rest, slopes) = next(iter(search.now.items()))
     later = {k: each for k, each in search.now.items() if k != i}
-    held = search.real(slopes).any(axis=1) if slopes else np.zeros(search.points.shape[1], dtype=bool)
-    open_ = ~held & (search.real([rest])[:, 0] if slopes else True)
+    held, open_ = _sorted(search)
     depth = link.depth + 1
 
     def solved() -> _Search:
@@ -174,8 +208,15 @@ def _ways(search: _Search) -> Iterator[Callable[[], _Search]]:
         return step
 
     on = [vanishing(*each) for each in _factored(search, rest)] if open_.any() else []
-    enough = [solved] if held.sum() >= _QUORUM or (held.any() and not open_.any()) else []
+    enough = [solved] if held.sum() >= _QUORUM else []
     yield from (enough + on if held.sum() >= open_.sum() else on + enough)
+
+
+def _largest(search: _Search, which: np.ndarray) -> int:
+    """Return the state whose costate is the largest at some points (n,), each costate measured by how it spreads."""
+    nx, first = search.setting.problem.x.numel(), 1 + search.setting.problem.x.numel() + search.setting.problem.p.numel()
+    size = sampled.spread(search.setting.problem)[first : first + nx]
+    return int(np.argmax(np.median(np.abs(search.points[first : first + nx, which]), axis=1) / size))
 
 
 def _factored(search: _Search, row: Expr) -> Iterator[tuple[Expr, Expr]]:
