@@ -10,6 +10,7 @@ import numpy as np
 
 from socp import pmp
 from socp.given import check_laws
+from socp.lessons import learn
 from socp.method import Method, check_options, options
 from socp.nlp import Watch, silent
 from socp.problem import Problem
@@ -42,6 +43,7 @@ def judge(problem: Problem, solution: Solution) -> Solution:
         verdict = Verdict(miss=float("inf"), notes=("the solution is not finite",))
         return replace(solution, verified=(), verdict=verdict)
     began = time.perf_counter()
+    learn(problem, solution)
     solution = replace(solution, structure=structure(problem, solution), verified=verify(problem, solution))
     integrated = time.perf_counter()
     try:

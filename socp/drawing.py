@@ -12,7 +12,7 @@ from socp.symbols import column, final_time, time
 _STEPS = 16  # of the simulations that spread the points over what the controls can reach
 _DRAWS = 4  # constant controls in one simulation
 _ROUGH = 0.2  # of the way: where half the step changes a simulation by more, it is not resolved: stiff, or escaping
-_ESCAPED = 30.0  # times the size that ends, bounds and rates show: a state beyond it lies where the problem does not live
+_ESCAPED = 30.0  # times the size that ends, bounds and rates show: beyond it a state is not the problem's
 _SHORTER = 0.25  # what the time of a simulation that is rough or escapes is multiplied with
 _TRIALS = 14  # times that a simulation is shortened: to some 1e-8 of the horizon
 _STRAY = 0.1  # of the typical way, by which points are moved off the motions: these may have an invariant
@@ -142,7 +142,8 @@ def _inside(problem: Problem, x: np.ndarray) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         x = np.where(x < low, 2 * low - x, x)
         x = np.where(x > high, 2 * high - x, x)
-    return np.clip(x, low, high)
+    inside: np.ndarray = np.clip(x, low, high)
+    return inside
 
 
 def _starts(problem: Problem, count: int, random: Generator) -> np.ndarray:
@@ -150,7 +151,8 @@ def _starts(problem: Problem, count: int, random: Generator) -> np.ndarray:
     other = drawn(problem.end_box, count, random)
     open_ = ~np.isfinite(problem.start_box).all(axis=0)
     low, high = problem.state_box
-    return np.clip(np.where(open_[:, None], other, known), low[:, None], high[:, None])
+    starts: np.ndarray = np.clip(np.where(open_[:, None], other, known), low[:, None], high[:, None])
+    return starts
 
 
 def _bangs(problem: Problem, count: int, random: Generator) -> np.ndarray:

@@ -90,12 +90,15 @@ def noted(problem: Problem) -> tuple[np.ndarray, ...]:
     return tuple(reversed(_NOTED.get(problem, [])))
 
 
-def onto(problem: Problem, equations: Expr, points: np.ndarray, *, interior: bool = False) -> np.ndarray:
+def onto(
+    problem: Problem, equations: Expr, points: np.ndarray, *, interior: bool = False, far: float = _FAR
+) -> np.ndarray:
     """Move points (nv, n) in state and costate onto `equations` = 0 (m, 1); return those that arrive (nv, k).
 
-    Points within the state bounds are preferred: others are returned only where there are none within. In the
-    `interior` states are measured by how far they are from their bounds, as interior point methods do: where a
-    population or a concentration is zero much vanishes, and no law holds.
+    They arrive if they have not moved `far`, in spreads of each symbol. Points within the state bounds are preferred:
+    others are returned only where there are none within. In the `interior` states are measured by how far they are from
+    their bounds, as interior point methods do: where a population or a concentration is zero much vanishes, and no law
+    holds.
     """
     if not equations.numel() or not points.shape[1]:
         return points
@@ -121,8 +124,14 @@ def onto(problem: Problem, equations: Expr, points: np.ndarray, *, interior: boo
             break
     if not arrived.any():
         return points[:, :0]
-    arrived &= (np.abs(points[movable] - start) <= _FAR * size[:, None]).all(axis=0)
+    arrived &= (np.abs(points[movable] - start) <= far * size[:, None]).all(axis=0)
     return _within(problem, points[:, arrived])
+
+
+def touching(problem: Problem, held: Expr) -> np.ndarray:
+    """Return admissible points (nv, k) moved onto state equations `held` = 0 (m, 1), however far that is."""
+    near = onto(problem, held, admissible(problem))
+    return near if near.shape[1] else onto(problem, held, admissible(problem), far=np.inf)
 
 
 def nonzero(problem: Problem, expression: Expr, points: np.ndarray) -> np.ndarray:
@@ -158,7 +167,7 @@ def real(problem: Problem, value: Callable[[np.ndarray], np.ndarray], points: np
 
 
 def _room(problem: Problem) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function of points (nv, n): the step (m, n) of states and costates that leaves half the way to a bound."""
+    """Return a function of points (nv, n): the step (m, n) in states and costates that is half the way to bounds."""
     nx, (low, high) = problem.x.numel(), (side[:, None] for side in problem.state_box)
     least = _TOUCH * spread(problem)[1 : 1 + nx, None]
 
@@ -171,8 +180,9 @@ def _room(problem: Problem) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def _newton(evaluate: Evaluate, points: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which points lie on the surface (n,), the step (m, n) of the movable symbols, of sizes weight (m, n), and
-    the residual of every point (n,) relative to the terms of the equations.
+    """Return which points lie on the surface (n,), the steps (m, n), and residuals (n,) relative to their terms.
+
+    Steps are measured by the sizes `weight` (m, n) of the symbols that may move.
     """
     with np.errstate(all="ignore"):
         value, slope = evaluate(points)

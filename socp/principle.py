@@ -106,6 +106,13 @@ def arc(problem: Problem, modes: Modes, *, constant: bool) -> Extremal:
     return found
 
 
+def forget(problem: Problem) -> None:
+    """Forget the arcs for which no law was found: points noted since (`socp.points.note`) may show one."""
+    known: dict[tuple[Modes, bool], Extremal | MethodError] = vars(problem).get("_extremals", {})
+    for key in [key for key, found in known.items() if isinstance(found, MethodError)]:
+        del known[key]
+
+
 def _arc(problem: Problem, modes: Modes, *, constant: bool) -> Extremal:
     setting = setting_of(problem, modes, constant=constant)
     touch = extremal.contact(setting)

@@ -10,13 +10,13 @@ import pytest
 ROOT = Path(__file__).parents[1]
 ORDER = """
     errors extras symbols walk enclosure word schemes tables arc affinity ranges scene traces tabular style panels
-    layout figures formula statement notebook verdict records results solution checks problem recording points
-    brackets factors extremal singular eliminate contacts principle laws simplify given lawbook modes words
-    phases binary kinks nlp lifting collocate reach modelling template disjunctive backends structure misses
-    insertion simulate softening meshing guess programmes sampling adjoint ends along conditions claims
-    junctions margins fitting method scouting following pmp chain mending rounding layouts minlp substitutes
-    hidden shooting polish trust search refine coarse branching spread extremals kept pool census neighbours
-    limits frontier standard testing hookspecs entries registry cli
+    layout figures formula statement notebook verdict records results solution checks problem recording pace drawing
+    points brackets factors extremal invariant links singular eliminate contacts principle laws simplify given
+    lawbook modes words phases binary kinks nlp lifting collocate reach modelling template disjunctive backends
+    structure lessons misses insertion simulate softening meshing guess programmes sampling adjoint ends along
+    conditions claims junctions margins fitting method scouting following pmp chain mending rounding layouts minlp
+    substitutes hidden shooting polish trust search refine coarse branching spread extremals kept pool census
+    neighbours limits frontier standard testing hookspecs entries registry cli
 """.split()  # noqa: SIM905
 FILES = [path for room in ("socp", "plugins", "problems") for path in sorted((ROOT / room).rglob("*.py"))]
 ALLOWED = {
