@@ -17,7 +17,11 @@ _LEVEL = 1e-7  # of the sum of its terms: less is what a point that comes near a
 
 
 class LostError(MethodError):
-    """No law was found from these points: others may show one."""
+    """No law was found from these points: others may show one, unless it is `proved` that there is none."""
+
+    def __init__(self, text: str, *, proved: bool = False) -> None:
+        super().__init__(text)
+        self.proved = proved
 
 
 @final

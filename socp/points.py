@@ -25,6 +25,7 @@ _FAR = 1e3  # spreads: a point moved further than this lies where the problem do
 
 Evaluate = Callable[[np.ndarray], tuple[np.ndarray, ...]]
 _BASES: WeakKeyDictionary[Problem, dict[int, np.ndarray]] = WeakKeyDictionary()
+_SPREADS: WeakKeyDictionary[Problem, np.ndarray] = WeakKeyDictionary()
 _NOTED: WeakKeyDictionary[Problem, list[np.ndarray]] = WeakKeyDictionary()
 
 
@@ -54,10 +55,12 @@ def evaluator(problem: Problem, *expressions: Expr) -> Evaluate:
 
 def spread(problem: Problem) -> np.ndarray:
     """Return how much every symbol (nv,) varies over the admissible points; where it does not, a bit of its size."""
-    points = admissible(problem)
-    size = np.sqrt(np.mean(points**2, axis=1))
-    varies = points.std(axis=1)
-    return np.where(varies > 1e-9 * size, varies, 1e-3 * np.where(size > 0, size, 1.0))
+    if problem not in _SPREADS:
+        points = admissible(problem)
+        size = np.sqrt(np.mean(points**2, axis=1))
+        varies = points.std(axis=1)
+        _SPREADS[problem] = np.where(varies > 1e-9 * size, varies, 1e-3 * np.where(size > 0, size, 1.0))
+    return _SPREADS[problem]
 
 
 def admissible(problem: Problem, count: int = COUNT) -> np.ndarray:

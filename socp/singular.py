@@ -13,6 +13,7 @@ from socp.brackets import extended
 from socp.extremal import Contact, Setting, homogeneous, reduced
 from socp.invariant import closed
 from socp.links import Link, LostError, Search, begun, differentiated
+from socp.problem import Problem
 from socp.symbols import Expr
 
 _QUORUM = 2  # points at which a control has to appear: one might be chance
@@ -46,8 +47,10 @@ def chain(setting: Setting, touch: Contact) -> Chain:
     MethodError, naming the case, where no control appears, proved to be so or not, no point satisfies the conditions,
     the controls do not follow from them, or a control that varies freely would have to be differentiated.
     """
-    problem, first = setting.problem, None
-    for points in (sampled.admissible(problem), *sampled.noted(problem), sampled.scattered(problem)):
+    first: LostError | None = None
+    for points in _sources(setting.problem):
+        if first is not None and first.proved:
+            break
         try:
             found = _followed(begun(setting, touch, points), [_BRANCHES])
         except LostError as error:
@@ -62,17 +65,25 @@ def chain(setting: Setting, touch: Contact) -> Chain:
     raise first or LostError(setting.name())
 
 
+def _sources(problem: Problem) -> Iterator[np.ndarray]:
+    """Yield points (nv, n) to begin from: those that solutions show, random ones, and many of them scattered widely."""
+    yield from sampled.noted(problem)
+    yield sampled.admissible(problem)
+    yield sampled.scattered(problem)
+
+
 def _followed(search: Search, budget: list[int]) -> Search:
     """Return the search with all links solved, by the first way of going on that leads there; depth first."""
     if not search.now and search.left:
         search = differentiated(search)
     if not search.now:
         return _solvable(search)
-    for begin in _aside(search):
+    held, left = _sorted(search)
+    for begin in _aside(search, ~held & ~left):
         with suppress(LostError):  # what it comes to says nothing of the points at hand
             return _followed(begin(), budget)
     lost: LostError | None = None
-    for step in _ways(search):
+    for step in _ways(search, held, left):
         if budget[0] <= 0:
             break
         budget[0] -= 1
@@ -80,7 +91,7 @@ def _followed(search: Search, budget: list[int]) -> Search:
             return _followed(step(), budget)
         except LostError as error:
             lost = lost or error
-    raise lost or _nothing(search)
+    raise lost or _nothing(search, int(held.sum()))
 
 
 def _sorted(search: Search) -> tuple[np.ndarray, np.ndarray]:
@@ -93,23 +104,20 @@ def _sorted(search: Search) -> tuple[np.ndarray, np.ndarray]:
     return held, left
 
 
-def _aside(search: Search) -> Iterator[Callable[[], Search]]:
-    """Yield the search begun anew with one costate zero, where at most points nothing is left of the next link.
+def _aside(search: Search, empty: np.ndarray) -> Iterator[Callable[[], Search]]:
+    """Yield the search begun anew with one costate zero, where the next link is `empty` (n,) at most points.
 
     The gradient of a conserved quantity may be added to every costate, and alone it satisfies everything: so one
     costate may be put to zero, the largest at these points.
     """
-    _, rest, slopes = next(iter(search.now.values()))
-    held, open_ = _sorted(search)
-    if held.sum() + open_.sum() >= search.points.shape[1] / 2 or len(search.aside) >= _ASIDES:
+    if empty.mean() <= 0.5 or len(search.aside) >= _ASIDES or not homogeneous(search.setting.problem):
         return
-    j = _largest(search, ~held & ~open_)
-    proved = closed(search.setting, search.touch, search.rows, [rest, *slopes])
-    if homogeneous(search.setting.problem) and j not in search.aside and not proved:
+    j = _largest(search, empty)
+    if j not in search.aside and not _closed(search):
         yield lambda: begun(search.setting, search.touch, search.start, (*search.aside, j))
 
 
-def _ways(search: Search) -> Iterator[Callable[[], Search]]:
+def _ways(search: Search, held: np.ndarray, open_: np.ndarray) -> Iterator[Callable[[], Search]]:
     """Yield what may be next on the branches that the points lie on, that of most points first.
 
     Points at which neither the controls nor the rest of the derivative is left, such as a costate that vanishes, decide
@@ -117,7 +125,6 @@ def _ways(search: Search) -> Iterator[Callable[[], Search]]:
     """
     i, (link, rest, slopes) = next(iter(search.now.items()))
     later = {k: each for k, each in search.now.items() if k != i}
-    held, open_ = _sorted(search)
     depth = link.depth + 1
 
     def solved() -> Search:
@@ -156,19 +163,28 @@ def _factored(search: Search, row: Expr) -> Iterator[tuple[Expr, Expr]]:
         yield casadi.mtimes(short, extended(search.setting.problem)), casadi.sparsify(alone)
 
 
-def _nothing(search: Search) -> LostError:
-    """Return the error of a link that vanishes at all points: whether that is proved, or only all that was found."""
-    i, (link, rest, slopes) = next(iter(search.now.items()))
-    name, depth, count = search.setting.problem.control_names[i], link.depth + 1, search.points.shape[1]
-    if closed(search.setting, search.touch, search.rows, [rest, *slopes]):
+def _nothing(search: Search, held: int) -> LostError:
+    """Return the error of a link of which nothing is left: whether that is proved, or only all that was found.
+
+    At `held` points there was a control, too few to believe in it.
+    """
+    i, (link, _, _) = next(iter(search.now.items()))
+    name, depth, count = search.setting.problem.control_names[i], _nth(link.depth + 1), search.points.shape[1]
+    if _closed(search):
         return LostError(
-            f"{search.setting.name()}: sigma_{name} vanishes with all its derivatives from the {_nth(depth)} on, and "
-            "no singular control appears in them (infinite order): the principle leaves the control open"
+            f"{search.setting.name()}: sigma_{name} vanishes with all its derivatives from the {depth} on, and no "
+            "singular control appears in them (infinite order): the principle leaves the control open",
+            proved=True,
         )
     return LostError(
-        f"{search.setting.name()}: no law was found: at all {count} points found on sigma_{name} = 0 and its "
-        f"derivatives the {_nth(depth)} vanishes too, which proves nothing"
+        f"{search.setting.name()}: no law was found: at {count - held} of {count} points found on sigma_{name} = 0 and "
+        f"its derivatives the {depth} vanishes too, which proves nothing"
     )
+
+
+def _closed(search: Search) -> bool:
+    _, rest, slopes = next(iter(search.now.values()))
+    return closed(search.setting, search.touch, search.rows, [rest, *slopes])
 
 
 def _nth(k: int) -> str:
