@@ -43,8 +43,9 @@ def judge(problem: Problem, solution: Solution) -> Solution:
         verdict = Verdict(miss=float("inf"), notes=("the solution is not finite",))
         return replace(solution, verified=(), verdict=verdict)
     began = time.perf_counter()
+    solution = replace(solution, structure=structure(problem, solution))
     learn(problem, solution)
-    solution = replace(solution, structure=structure(problem, solution), verified=verify(problem, solution))
+    solution = replace(solution, verified=verify(problem, solution))
     integrated = time.perf_counter()
     try:
         verdict, arcs = pmp.certify(problem, solution)

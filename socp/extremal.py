@@ -139,12 +139,8 @@ def contact(setting: Setting) -> Contact:
 
 def _held_fixed(problem: Problem, held: Expr, laws: Expr) -> Expr:
     """Put numbers in place of the states that the equations `held` (m, 1) fix one by one: on u = 2 a law u |u| is 4."""
-    for e in casadi.vertsplit(held):
-        inside = casadi.symvar(e)
-        if len(inside) == 1 and casadi.depends_on(problem.x, inside[0]):
-            slope = casadi.simplify(casadi.jacobian(e, inside[0]))
-            if slope.is_constant():
-                laws = casadi.substitute(laws, inside[0], -casadi.substitute(e, inside[0], 0) / slope)
+    for k, value in sampled.fixed(problem, held).items():
+        laws = casadi.substitute(laws, problem.x[k], value)
     return laws
 
 

@@ -21,15 +21,15 @@ def learn(problem: Problem, solution: Solution) -> bool:
     Returns whether there was anything to learn. The points are near the arc as far as the solution is good, and its
     costates known; what they are worth is decided where the law is derived.
     """
-    lawless = [i for i, name in enumerate(problem.control_names) if not _has_law(problem, name)]
-    if not lawless or len(sampled.noted(problem)) >= _SOLUTIONS:
+    if len(sampled.noted(problem)) >= _SOLUTIONS:
         return False
-    stretches = structure(problem, solution)
+    shortest = _SHORTEST * (solution.final_time - solution.initial_time)
     points = [
         _along(problem, solution, a + _INNER * (b - a), b - _INNER * (b - a))
-        for i in lawless
-        for mode, a, b in stretches[problem.control_names[i]]
-        if mode == "s" and b - a > _SHORTEST * (solution.final_time - solution.initial_time)
+        for name, stretches in (solution.structure or structure(problem, solution)).items()
+        if (inner := [(a, b) for mode, a, b in stretches if mode == "s" and b - a > shortest])
+        and not _has_law(problem, name)
+        for a, b in inner
     ]
     found = np.hstack(points) if points else np.zeros((0, 0))
     found = found[:, np.isfinite(found).all(axis=0)]

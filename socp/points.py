@@ -72,14 +72,17 @@ def admissible(problem: Problem, count: int = COUNT) -> np.ndarray:
 
 
 def scattered(problem: Problem) -> np.ndarray:
-    """Return many points (nv, n), every state of every second one nearer to where it starts by a random power of ten.
+    """Return many points (nv, n), states of two in three nearer to where they start, or to their bound or else zero.
 
-    Rates that saturate, of growth or of a reaction, bend where their state is small; motions seldom stay there.
+    Each is nearer by a random power of ten: rates that saturate, of growth or of a reaction, bend where their state is
+    small, and motions seldom stay there.
     """
     points, nx = admissible(problem, _MANY), problem.x.numel()
-    near, x0 = points[1 : 1 + nx, ::2], ends(problem)[0][:, None]
-    share = 10.0 ** np.random.default_rng(4).uniform(-_DECADES, 0.0, near.shape)
-    points[1 : 1 + nx, ::2] = x0 + share * (near - x0)
+    start, low = ends(problem)[0], problem.state_box[0]
+    random = np.random.default_rng(4)
+    for k, place in enumerate((start, np.where(np.isfinite(low), low, 0.0))):
+        away = points[1 : 1 + nx, k::3] - place[:, None]
+        points[1 : 1 + nx, k::3] = place[:, None] + away * 10.0 ** random.uniform(-_DECADES, 0.0, away.shape)
     return points
 
 
@@ -132,9 +135,27 @@ def onto(
 
 
 def touching(problem: Problem, held: Expr) -> np.ndarray:
-    """Return admissible points (nv, k) moved onto state equations `held` = 0 (m, 1), however far that is."""
-    near = onto(problem, held, admissible(problem))
-    return near if near.shape[1] else onto(problem, held, admissible(problem), far=np.inf)
+    """Return admissible points (nv, k) on state equations `held` = 0 (m, 1), however far they have to be moved."""
+    points = admissible(problem)
+    near = onto(problem, held, points)
+    if near.shape[1]:
+        return near
+    for k, value in fixed(problem, held).items():
+        points[1 + k] = value
+    return onto(problem, held, points, far=np.inf)
+
+
+def fixed(problem: Problem, held: Expr) -> dict[int, float]:
+    """Return the states, by number, that equations `held` (m, 1) fix one by one, as v = 2 does, and their values."""
+    found = {}
+    for e in casadi.vertsplit(held) if held.numel() else []:
+        inside = casadi.symvar(e)
+        if len(inside) == 1 and casadi.depends_on(problem.x, inside[0]):
+            slope = casadi.simplify(casadi.jacobian(e, inside[0]))
+            if slope.is_constant():
+                state = problem.state_names.index(inside[0].name())
+                found[state] = float(-casadi.substitute(e, inside[0], 0) / slope)
+    return found
 
 
 def nonzero(problem: Problem, expression: Expr, points: np.ndarray) -> np.ndarray:
