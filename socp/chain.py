@@ -16,6 +16,7 @@ from socp.arc import Arc
 from socp.errors import ContractError, ProblemError
 from socp.given import check_laws
 from socp.interruption import breakable, give_way, held
+from socp.lessons import learn
 from socp.method import Method, check_options, options
 from socp.nlp import Watch, silent
 from socp.problem import Problem
@@ -99,7 +100,9 @@ def judge(problem: Problem, solution: Solution) -> Solution:
         return replace(solution, verified=(), verdict=verdict)
     began = time.perf_counter()
     with np.errstate(all="ignore"):  # what overflows is infinite or nan, and no condition holds with either
-        solution = replace(solution, structure=structure(problem, solution), verified=verify(problem, solution))
+        solution = replace(solution, structure=structure(problem, solution))
+        learn(problem, solution)
+        solution = replace(solution, verified=verify(problem, solution))
     integrated = time.perf_counter()
     try:
         with np.errstate(all="ignore"):

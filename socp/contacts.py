@@ -69,7 +69,7 @@ def _named(problem: Problem, word: Word, k: int, i: int) -> Mode:
 def _fits(problem: Problem, constraint: Constraint, i: int, around: tuple[str | None, str | None]) -> bool:
     """Tell whether bang neighbours can enter and leave a constraint: c^(q) < 0 after it, (-1)^q c^(q) < 0 before."""
     held, top = tower(problem, constraint)
-    at = sampled.onto(problem, column(held), sampled.admissible(problem))
+    at = sampled.touching(problem, column(held))
     slopes = sampled.evaluator(problem, casadi.jacobian(top, problem.u[i]))(at)[0].ravel()
     if not slopes.size or slopes.min() * slopes.max() <= 0:
         return False
@@ -83,6 +83,6 @@ def _acts(problem: Problem, constraint: Constraint, control: int) -> bool:
         held, top = tower(problem, constraint)
     except MethodError:
         return False
-    at = sampled.onto(problem, column(held), sampled.admissible(problem))
+    at = sampled.touching(problem, column(held))
     slope = casadi.jacobian(top, problem.u[control])
     return bool(slope.nnz() and (not at.shape[1] or sampled.nonzero(problem, slope, at).all()))

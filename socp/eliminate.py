@@ -17,6 +17,7 @@ from socp.symbols import Expr, column
 
 _RANK = 1e-7  # singular values, relative to the largest, that count as zero; points lie on their surface to 1e-11
 _ALIKE = 1e-7  # relative difference of two values of one law
+_MINORS = 7  # rows at most of a determinant by minors: one more takes as many times longer
 _CHOICES = 400  # pivot columns tried at most; fewer than this for ten states and three conditions
 
 
@@ -37,7 +38,10 @@ def with_costate(setting: Setting, chain: Chain) -> Expr:
 
 
 def feedback(setting: Setting, chain: Chain) -> Feedback | None:
-    """Return the singular controls without the costate, by the conditions alone or else with H, or None."""
+    """Return the singular controls without the costate, by the conditions alone or else with H, or None.
+
+    None leaves the law with the costate, which exists wherever a chain does: so does what cannot be computed.
+    """
     for extra in ([], setting.energy) if setting.energy else ([],):
         rows = casadi.vertcat(*chain.rows, *extra)
         if _independent(setting, chain, rows):
@@ -51,6 +55,8 @@ def surface(setting: Setting, chain: Chain) -> Expr:
     """Return equations (m, 1) in x, t, p alone that hold on the arc: elsewhere the conditions leave no costate."""
     rows = casadi.vertcat(*chain.rows, *setting.energy)
     picked, columns = _pivots(setting, chain.points, rows)
+    if not picked:
+        return casadi.SX(0, 1)
     found = []
     for extra in (k for k in range(rows.shape[0]) if k not in picked):
         for free in (k for k in range(rows.shape[1]) if k not in columns):
@@ -74,6 +80,8 @@ def _independent(setting: Setting, chain: Chain, rows: Expr) -> bool:
     random, width = np.random.default_rng(3), np.ptp(problem.box[:, list(setting.singular)], axis=0)
     alike = []
     for a, e, z0 in zip(conditions, parts, z[:, :, 0], strict=True):
+        if not np.isfinite(a).all() or not np.isfinite(e).all():
+            continue
         kernel = _kernel(a, *sizes)
         laws = [_solved(e @ v, k) for v in (z0, kernel @ random.standard_normal(kernel.shape[1]))]
         if np.isfinite(laws).all():
@@ -105,15 +113,23 @@ def _kernel(matrix: np.ndarray, of_rows: np.ndarray, of_z: np.ndarray) -> np.nda
 
 
 def _pivots(setting: Setting, points: np.ndarray, rows: Expr) -> tuple[list[int], list[int]]:
-    """Return rows and as many columns whose determinant is farthest from zero at the points, earlier rows preferred."""
+    """Return rows and as many columns whose determinant is farthest from zero at the points, earlier rows preferred.
+
+    Both are empty where there are none, or so many that a determinant by minors would take too long.
+    """
     of_rows, of_z = _sizes(setting, rows)
     matrix = sampled.evaluator(setting.problem, rows)(points)[0] * of_z / of_rows[:, None]
+    matrix = matrix[np.isfinite(matrix).all(axis=(1, 2))]
+    if not matrix.size:
+        return [], []
     picked: list[int] = []
     for k in range(rows.shape[0]):
         s = np.linalg.svd(matrix[:, [*picked, k], :], compute_uv=False)
         if np.median(s[:, -1]) > _RANK:
             picked.append(k)
     filled = [j for j in range(rows.shape[1]) if rows[picked, j].nnz()]
+    if not picked or len(picked) > _MINORS:
+        return [], []
     choices = [c for c, _ in zip(combinations(filled, len(picked)), range(_CHOICES), strict=False)]
     sizes = [np.quantile(np.abs(np.linalg.det(matrix[:, picked][:, :, list(c)])), 0.25) for c in choices]
     return picked, list(choices[int(np.argmax(sizes))])
@@ -122,6 +138,8 @@ def _pivots(setting: Setting, points: np.ndarray, rows: Expr) -> tuple[list[int]
 def _eliminated(setting: Setting, chain: Chain, rows: Expr) -> Expr | None:
     """Put a costate that satisfies the rows into the law: any will do, so one without quotients."""
     picked, columns = _pivots(setting, chain.points, rows)
+    if not picked:
+        return None
     candidates = []
     for free in (k for k in range(rows.shape[1]) if k not in columns):
         z = _null_vector(rows[picked, :], columns, free)

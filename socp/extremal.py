@@ -93,7 +93,7 @@ def tower(problem: Problem, constraint: Constraint, given: Expr | None = None) -
         problem.u if given is None else column(s for s in casadi.vertsplit(problem.u) if casadi.depends_on(given, s))
     )
     held = [constraint.expression]
-    at = sampled.onto(problem, column(held), sampled.admissible(problem))
+    at = sampled.touching(problem, column(held))
     for _ in range(DEEPEST):
         derivative = motion.of_state(held[-1])
         slopes = casadi.jacobian(derivative, unknown)
@@ -128,7 +128,7 @@ def contact(setting: Setting) -> Contact:
         tops.append(top)
     matrix = casadi.jacobian(column(tops), own)
     held = column(e for held in towers.values() for e in held)
-    at = sampled.onto(problem, held, sampled.admissible(problem))
+    at = sampled.touching(problem, held)
     numerators, denominator = cramer(matrix, -casadi.substitute(column(tops), own, 0))
     if len(towers) < len(setting.boundary) or not sampled.nonzero(problem, denominator, at).all():
         raise MethodError(f"{setting.name()}: the constraints do not determine these controls one by one")
@@ -139,12 +139,8 @@ def contact(setting: Setting) -> Contact:
 
 def _held_fixed(problem: Problem, held: Expr, laws: Expr) -> Expr:
     """Put numbers in place of the states that the equations `held` (m, 1) fix one by one: on u = 2 a law u |u| is 4."""
-    for e in casadi.vertsplit(held):
-        inside = casadi.symvar(e)
-        if len(inside) == 1 and casadi.depends_on(problem.x, inside[0]):
-            slope = casadi.simplify(casadi.jacobian(e, inside[0]))
-            if slope.is_constant():
-                laws = casadi.substitute(laws, inside[0], -casadi.substitute(e, inside[0], 0) / slope)
+    for k, value in sampled.fixed(problem, held).items():
+        laws = casadi.substitute(laws, problem.x[k], value)
     return laws
 
 
@@ -154,13 +150,13 @@ def _tower(setting: Setting, j: int, constraint: Constraint) -> tuple[list[Expr]
     held, top = tower(problem, constraint)
     with suppress(MethodError):  # other controls act on it, and these are known here
         held, top = tower(problem, constraint, setting.given)
-    at = sampled.onto(problem, column(held), sampled.admissible(problem))
+    at = sampled.touching(problem, column(held))
     slopes = sampled.nonzero(problem, casadi.jacobian(top, problem.u), at)[0]
     if not slopes[j]:
-        acting = ", ".join(name for name, its in zip(problem.control_names, slopes, strict=True) if its)
+        others = ", ".join(name for name, its in zip(problem.control_names, slopes, strict=True) if its)
         raise MethodError(
             f"{setting.name()}: control '{problem.control_names[j]}' does not act on '{constraint.name}' "
-            f"(order {len(held)}){f', {acting} does' if acting else ', no control does'}"
+            f"(order {len(held)}), {others or 'no control'} does"
         )
     return held, top
 
@@ -169,7 +165,7 @@ def _multipliers(setting: Setting, free: Contact) -> Contact:
     """Put mu into the costate's flow: lambda' = -H_x - sum mu_k dc_k/dx, with sigma_j = 0 kept on the arc."""
     problem, n = setting.problem, setting.problem.x.numel()
     slopes = casadi.jacobian(column(c.expression for c in setting.boundary.values()), problem.x)
-    at = sampled.onto(problem, free.held, sampled.admissible(problem))
+    at = sampled.touching(problem, free.held)
     rows, tops, pulls = [], [], []
     for j in setting.boundary:
         row = switching_row(problem, j)

@@ -13,6 +13,7 @@ from socp.errors import MethodError
 from socp.laws import Extremal
 from socp.problem import Problem
 from socp.simplify import simplified
+from socp.singular import regular
 from socp.symbols import Expr
 
 _SAMPLES = 200  # points at which signs and bounds are looked at
@@ -128,6 +129,8 @@ def _remark(problem: Problem, found: Extremal, at: list[int], where: str) -> str
     matrix = matrix[np.isfinite(matrix).all(axis=(1, 2))]
     values = np.linalg.eigvalsh((matrix + matrix.transpose(0, 2, 1)) / 2)
     prefix, count = f"{where}: " if where else "", f"{len(values)} sampled points"
+    if not len(values):
+        return f"{prefix}its sign is not known: it has no value at any sampled point"
     if (values > 0).all():
         return f"{prefix}positive at all {count}"
     if (values < 0).any(axis=1).all():
@@ -137,7 +140,12 @@ def _remark(problem: Problem, found: Extremal, at: list[int], where: str) -> str
 
 
 def _points(problem: Problem, found: Extremal) -> np.ndarray:
-    return sampled.onto(problem, found.equations, sampled.admissible(problem, _SAMPLES))
+    """Return points (nv, n) on the arc at which its law has a value, those of its derivation among them."""
+    at = sampled.onto(problem, found.equations, sampled.admissible(problem, _SAMPLES))
+    if found.chain is None:
+        return at
+    at = at[:, regular(*found.chain, at)]
+    return at if at.shape[1] > found.points.shape[1] else found.points
 
 
 def _values(problem: Problem, found: Extremal, at: list[int], points: np.ndarray) -> np.ndarray:
@@ -154,10 +162,12 @@ def _inside(problem: Problem, found: Extremal, at: list[int]) -> np.ndarray:
 
 
 def _outside(problem: Problem, found: Extremal, at: list[int], where: str) -> str:
-    """Return a warning where a law leaves the bounds at every sampled point, else nothing."""
+    """Return a warning where a law leaves the bounds at every sampled point, or no point was met, else nothing."""
     points = _points(problem, found)
+    prefix = f"{where}: " if where else ""
+    if not points.shape[1]:
+        return f"{prefix}no state and costate that satisfy its conditions were met by sampling"
     if _inside(problem, found, at).shape[1]:
         return ""
     names = ", ".join(problem.control_names[i] for i in at)
-    prefix = f"{where}: " if where else ""
     return f"{prefix}the law lies outside the bounds of {names} at all {points.shape[1]} sampled points"

@@ -1,27 +1,32 @@
-"""Random admissible points, moved onto the surfaces on which a law has to hold: they decide what is zero there."""
+"""Admissible points, moved onto the surfaces on which a law has to hold: they decide what is zero there."""
 
 from collections.abc import Callable
-from typing import Any
 from weakref import WeakKeyDictionary
 
 import casadi
 import numpy as np
 
+from socp.drawing import reached
+from socp.pace import ends
 from socp.problem import Problem
-from socp.symbols import Expr, column, final_time, time
+from socp.symbols import Expr, time
 
 COUNT = 24  # points; a false "zero" would need chance to strike at most of them
-_STEPS = 16  # of the simulations that spread the points over what the controls can reach
-_DRAWS = 4  # constant controls in one simulation
+_MANY = 240  # points where COUNT of them are too few: what is looked for may lie in a corner of the states
+_DECADES = 4.0  # of sizes over which states are scattered
 _PASSES = 60  # Gauss-Newton steps at most; from afar each may move no further than the states spread
 _INERTIA = 0.1  # of states against costates: the costate moves first, the state only where it has to
-_PATIENCE = 8  # steps after which half of the points are enough
+_PATIENCE = 8  # steps after which half of the points are enough, and after which a point must have come nearer
+_PROGRESS = 0.9  # of the residual so many steps before: a point with more is stuck where the surface is not
+_TOUCH = 1e-6  # of its spread: a state as near to a bound still moves by as much
 _CLOSE = 1e-11  # residual, relative to the size of its terms, of a point that lies on the surface
 _NUDGE = 1e-7  # relative perturbation that tells a number from round-off: a number hardly changes, round-off does
 _FAR = 1e3  # spreads: a point moved further than this lies where the problem does not live
 
 Evaluate = Callable[[np.ndarray], tuple[np.ndarray, ...]]
-_BASES: WeakKeyDictionary[Problem, np.ndarray] = WeakKeyDictionary()
+_BASES: WeakKeyDictionary[Problem, dict[int, np.ndarray]] = WeakKeyDictionary()
+_SPREADS: WeakKeyDictionary[Problem, np.ndarray] = WeakKeyDictionary()
+_NOTED: WeakKeyDictionary[Problem, list[np.ndarray]] = WeakKeyDictionary()
 
 
 def symbols(problem: Problem) -> Expr:
@@ -50,23 +55,56 @@ def evaluator(problem: Problem, *expressions: Expr) -> Evaluate:
 
 def spread(problem: Problem) -> np.ndarray:
     """Return how much every symbol (nv,) varies over the admissible points; where it does not, a bit of its size."""
-    points = admissible(problem)
-    size = np.sqrt(np.mean(points**2, axis=1))
-    varies = points.std(axis=1)
-    return np.where(varies > 1e-9 * size, varies, 1e-3 * np.where(size > 0, size, 1.0))
+    if problem not in _SPREADS:
+        points = admissible(problem)
+        size = np.sqrt(np.mean(points**2, axis=1))
+        varies = points.std(axis=1)
+        _SPREADS[problem] = np.where(varies > 1e-9 * size, varies, 1e-3 * np.where(size > 0, size, 1.0))
+    return _SPREADS[problem]
 
 
 def admissible(problem: Problem, count: int = COUNT) -> np.ndarray:
     """Return points (nv, count) that random bang controls reach from the start, with random costates and controls."""
-    if problem not in _BASES or _BASES[problem].shape[1] < count:
-        _BASES[problem] = _reached(problem, count)
-    return _BASES[problem][:, :count].copy()
+    known = _BASES.setdefault(problem, {})
+    if count not in known:
+        known[count] = reached(problem, count)
+    return known[count].copy()
 
 
-def onto(problem: Problem, equations: Expr, points: np.ndarray) -> np.ndarray:
+def scattered(problem: Problem) -> np.ndarray:
+    """Return many points (nv, n), states of two in three nearer to where they start, or to their bound or else zero.
+
+    Each is nearer by a random power of ten: rates that saturate, of growth or of a reaction, bend where their state is
+    small, and motions seldom stay there.
+    """
+    points, nx = admissible(problem, _MANY), problem.x.numel()
+    start, low = ends(problem)[0], problem.state_box[0]
+    random = np.random.default_rng(4)
+    for k, place in enumerate((start, np.where(np.isfinite(low), low, 0.0))):
+        away = points[1 : 1 + nx, k::3] - place[:, None]
+        points[1 : 1 + nx, k::3] = place[:, None] + away * 10.0 ** random.uniform(-_DECADES, 0.0, away.shape)
+    return points
+
+
+def note(problem: Problem, points: np.ndarray) -> None:
+    """Keep points (nv, n) that a solution of the problem shows: laws are looked for from them too."""
+    _NOTED.setdefault(problem, []).append(points)
+
+
+def noted(problem: Problem) -> tuple[np.ndarray, ...]:
+    """Return the points (nv, n) kept of solutions, the latest first."""
+    return tuple(reversed(_NOTED.get(problem, [])))
+
+
+def onto(
+    problem: Problem, equations: Expr, points: np.ndarray, *, interior: bool = False, far: float = _FAR
+) -> np.ndarray:
     """Move points (nv, n) in state and costate onto `equations` = 0 (m, 1); return those that arrive (nv, k).
 
-    Points within the state bounds are preferred: others are returned only where there are none within.
+    They arrive if they have not moved `far`, in spreads of each symbol. Points within the state bounds are preferred:
+    others are returned only where there are none within. In the `interior` states are measured by how far they are from
+    their bounds, as interior point methods do: where a population or a concentration is zero much vanishes, and no law
+    holds.
     """
     if not equations.numel() or not points.shape[1]:
         return points
@@ -74,18 +112,50 @@ def onto(problem: Problem, equations: Expr, points: np.ndarray) -> np.ndarray:
     movable = np.r_[1 : 1 + problem.x.numel(), first : first + problem.x.numel()]
     evaluate = evaluator(problem, equations, casadi.jacobian(equations, symbols(problem)[movable.tolist()]))
     size, start = spread(problem)[movable], points[movable]
-    weight = np.where(np.arange(size.size) < problem.x.numel(), _INERTIA * size, size)
+    weights = np.where(np.arange(size.size) < problem.x.numel(), _INERTIA * size, size)[:, None]
+    room = _room(problem) if interior else None
     points, arrived = points.copy(), np.zeros(points.shape[1], dtype=bool)
+    active, before = np.arange(points.shape[1]), np.full(points.shape[1], np.inf)
     for k in range(_PASSES):
-        arrived, step = _newton(evaluate, points, weight)
-        if arrived.all() or (k >= _PATIENCE and arrived.mean() > 0.5):
+        weight = weights if room is None else np.minimum(weights, room(points[:, active]))
+        there, step, left = _newton(evaluate, points[:, active], weight)
+        points[np.ix_(movable, active)] += step  # of those that are there once more: the error squares
+        arrived[active[there]] = True
+        stays = ~there
+        if k % _PATIENCE == _PATIENCE - 1:
+            stays &= left < _PROGRESS * before[active]
+            before[active] = left
+        active = active[stays]
+        if not active.size or (k >= _PATIENCE and arrived.mean() > 0.5):
             break
-        points[movable] += np.where(arrived, 0.0, step)
-    points[movable] += np.where(arrived, step, 0.0)  # once more from where the error squares
     if not arrived.any():
         return points[:, :0]
-    arrived &= (np.abs(points[movable] - start) <= _FAR * size[:, None]).all(axis=0)
+    arrived &= (np.abs(points[movable] - start) <= far * size[:, None]).all(axis=0)
     return _within(problem, points[:, arrived])
+
+
+def touching(problem: Problem, held: Expr) -> np.ndarray:
+    """Return admissible points (nv, k) on state equations `held` = 0 (m, 1), however far they have to be moved."""
+    points = admissible(problem)
+    near = onto(problem, held, points)
+    if near.shape[1]:
+        return near
+    for k, value in fixed(problem, held).items():
+        points[1 + k] = value
+    return onto(problem, held, points, far=np.inf)
+
+
+def fixed(problem: Problem, held: Expr) -> dict[int, float]:
+    """Return the states, by number, that equations `held` (m, 1) fix one by one, as v = 2 does, and their values."""
+    found = {}
+    for e in casadi.vertsplit(held) if held.numel() else []:
+        inside = casadi.symvar(e)
+        if len(inside) == 1 and casadi.depends_on(problem.x, inside[0]):
+            slope = casadi.simplify(casadi.jacobian(e, inside[0]))
+            if slope.is_constant():
+                state = problem.state_names.index(inside[0].name())
+                found[state] = float(-casadi.substitute(e, inside[0], 0) / slope)
+    return found
 
 
 def nonzero(problem: Problem, expression: Expr, points: np.ndarray) -> np.ndarray:
@@ -102,24 +172,45 @@ def nonzero(problem: Problem, expression: Expr, points: np.ndarray) -> np.ndarra
 
 def generic(problem: Problem, value: Callable[[np.ndarray], np.ndarray], points: np.ndarray) -> np.ndarray:
     """Tell for every entry of value(points) (n, ...) whether it is a number, not round-off, at most of the points."""
+    most: np.ndarray = real(problem, value, points).mean(axis=0) > 0.5
+    return most
+
+
+def real(problem: Problem, value: Callable[[np.ndarray], np.ndarray], points: np.ndarray) -> np.ndarray:
+    """Tell for every entry of value(points) (n, ...) at every point whether it is a number, not round-off."""
     random, n = np.random.default_rng(1), points.shape[1]
     size = spread(problem)[:, None]  # not of these points, on which a symbol may be round-off itself
     moved = [points + _NUDGE * size * random.standard_normal(points.shape) for _ in range(4)]
     values = value(np.hstack([points, *moved]))
     base = values[:n]
-    real = np.isfinite(base) & (base != 0)
+    found: np.ndarray = np.isfinite(base) & (base != 0)
     with np.errstate(invalid="ignore"):
         for k in range(1, 5):
-            real &= np.abs(values[k * n : (k + 1) * n] - base) < 1e-2 * np.abs(base)
-    most: np.ndarray = real.mean(axis=0) > 0.5
-    return most
+            found &= np.abs(values[k * n : (k + 1) * n] - base) < 1e-2 * np.abs(base)
+    return found
 
 
-def _newton(evaluate: Evaluate, points: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return which points lie on the surface (n,) and the step (m, n) of the movable symbols, of sizes weight (m,)."""
+def _room(problem: Problem) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a function of points (nv, n): the step (m, n) in states and costates that is half the way to bounds."""
+    nx, (low, high) = problem.x.numel(), (side[:, None] for side in problem.state_box)
+    least = _TOUCH * spread(problem)[1 : 1 + nx, None]
+
+    def room(points: np.ndarray) -> np.ndarray:
+        x = points[1 : 1 + nx]
+        nearest = np.maximum(np.minimum(np.abs(x - low), np.abs(high - x)), least)
+        return np.vstack([_INERTIA * nearest / 2, np.full((nx, points.shape[1]), np.inf)])
+
+    return room
+
+
+def _newton(evaluate: Evaluate, points: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return which points lie on the surface (n,), the steps (m, n), and residuals (n,) relative to their terms.
+
+    Steps are measured by the sizes `weight` (m, n) of the symbols that may move.
+    """
     with np.errstate(all="ignore"):
         value, slope = evaluate(points)
-        value, scaled = value[:, :, 0], slope * weight
+        value, scaled = value[:, :, 0], slope * weight.T[:, None, :]
         terms = np.abs(scaled).sum(axis=2)
         arrived = (np.abs(value) <= _CLOSE * terms).all(axis=1)
         rows = np.where(terms > 0, terms, 1.0)
@@ -129,7 +220,7 @@ def _newton(evaluate: Evaluate, points: np.ndarray, weight: np.ndarray) -> tuple
         step = -np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=1e-9), right)
         length = np.linalg.norm(step, axis=1, keepdims=True)
         step *= np.minimum(1.0, 1.0 / (_INERTIA * length).clip(1e-300))
-    return arrived & finite, (step * weight).T
+    return arrived & finite, step.T * weight, np.linalg.norm(right, axis=1)
 
 
 def _within(problem: Problem, points: np.ndarray) -> np.ndarray:
@@ -140,98 +231,3 @@ def _within(problem: Problem, points: np.ndarray) -> np.ndarray:
     slack = 1e-8 * spread(problem)[1 : 1 + problem.x.numel(), None]
     inside = ((x >= low[:, None] - slack) & (x <= high[:, None] + slack)).all(axis=0)
     return points[:, inside] if inside.any() else points
-
-
-def _reached(problem: Problem, count: int) -> np.ndarray:
-    random = np.random.default_rng(0)
-    x0, horizon = _starts(problem, count, random), _horizon(problem)
-    p = _drawn(problem.parameter_box, count, random)
-    t0 = problem.initial_time_box[0] if np.isfinite(problem.initial_time_box[0]) else 0.0
-    lengths = horizon * random.uniform(0.05, 1.0, count)
-    x = _simulated(problem, x0, (t0, lengths, p), random)
-    x = np.where(np.isfinite(x), x, x0)
-    moved = np.abs(x - x0).mean(axis=1, keepdims=True)
-    x += 0.1 * moved * random.standard_normal(x.shape)
-    low, high = problem.state_box
-    x = np.clip(x, low[:, None], high[:, None])
-    size = np.sqrt(np.mean(x**2, axis=1, keepdims=True)) + 1e-12
-    costate = random.standard_normal(x.shape) * _cost(problem, x, t0 + lengths, p) / np.where(size > 1e-9, size, 1.0)
-    return np.vstack([(t0 + lengths)[None, :], x, p, costate, _bangs(problem, count, random)])
-
-
-def _simulated(
-    problem: Problem, x: np.ndarray, given: tuple[float, np.ndarray, np.ndarray], random: np.random.Generator
-) -> np.ndarray:
-    """Integrate random piecewise constant bang controls by Runge-Kutta, states kept within their bounds."""
-    (t0, lengths, p), count = given, x.shape[1]
-    flow = casadi.Function("f", [problem.x, problem.u, time, problem.p], [problem.rate]).map(count)
-    low, high = problem.state_box
-    u = _bangs(problem, count, random)
-    for k in range(_STEPS):
-        if k % (_STEPS // _DRAWS) == 0:
-            u = _bangs(problem, count, random)
-        h, t = lengths / _STEPS, t0 + lengths * k / _STEPS
-        with np.errstate(all="ignore"):
-            a = flow(x, u, t, p).full()
-            b = flow(x + h / 2 * a, u, t + h / 2, p).full()
-            c = flow(x + h / 2 * b, u, t + h / 2, p).full()
-            d = flow(x + h * c, u, t + h, p).full()
-            x = np.clip(x + h / 6 * (a + 2 * b + 2 * c + d), low[:, None], high[:, None])
-    return x
-
-
-def _starts(problem: Problem, count: int, random: np.random.Generator) -> np.ndarray:
-    known = _drawn(problem.start_box, count, random)
-    other = _drawn(problem.end_box, count, random)
-    open_ = ~np.isfinite(problem.start_box).all(axis=0)
-    return np.where(open_[:, None], other, known)
-
-
-def _drawn(box: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
-    """Draw values (n, count) from intervals (2, n); an open end is put one size of the other one away."""
-    low, high = box
-    reach = (
-        np.nan_to_num(np.where(np.isfinite(low), np.abs(low), 0.0) + np.where(np.isfinite(high), np.abs(high), 0.0))
-        + 1.0
-    )
-    first = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high, 0.0) - reach)
-    last = np.where(np.isfinite(high), high, np.where(np.isfinite(low), low, 0.0) + reach)
-    drawn: np.ndarray = first[:, None] + (last - first)[:, None] * random.random((low.size, count))
-    return drawn
-
-
-def _bangs(problem: Problem, count: int, random: np.random.Generator) -> np.ndarray:
-    side = random.integers(0, 2, (problem.box.shape[1], count))
-    drawn: np.ndarray = np.where(side == 1, problem.box[1][:, None], problem.box[0][:, None])
-    return drawn
-
-
-def _horizon(problem: Problem) -> float:
-    """Return the fixed or guessed horizon, else how long the slowest state needs for its way at its highest rate."""
-    low, high = problem.final_time_box
-    first = problem.initial_time_box[0] if np.isfinite(problem.initial_time_box[0]) else 0.0
-    guess: Any = problem.guess.get(final_time)
-    if low == high:
-        return low - first
-    if guess is not None:
-        return max(float(guess) - first, 1e-9)
-    random = np.random.default_rng(2)
-    x = _starts(problem, COUNT, random)
-    flow = casadi.Function("f", [problem.x, problem.u, time, problem.p], [problem.rate]).map(COUNT)
-    p = _drawn(problem.parameter_box, COUNT, random)
-    rate = np.nanmax(np.abs(flow(x, _bangs(problem, COUNT, random), first, p).full()), axis=1)
-    with np.errstate(all="ignore"):
-        needed = np.abs(problem.end_box.mean(axis=0) - problem.start_box.mean(axis=0)) / rate
-    needed = needed[np.isfinite(needed) & (needed > 0)]
-    return float(needed.max()) if needed.size else 1.0
-
-
-def _cost(problem: Problem, x: np.ndarray, t: np.ndarray, p: np.ndarray) -> float:
-    """Return the size of the running cost over points, 1 where there is none: costates are measured by it."""
-    u = np.zeros((problem.u.numel(), x.shape[1]))
-    running = casadi.Function("L", [problem.x, problem.u, time, problem.p], [column([problem.lagrangian])]).map(
-        x.shape[1]
-    )
-    value = np.abs(running(x, u, t, p).full())
-    size = float(np.nanmean(np.where(np.isfinite(value), value, np.nan))) if np.isfinite(value).any() else 0.0
-    return size if size > 0 else 1.0

@@ -11,6 +11,7 @@ from socp import eliminate, extremal
 from socp import points as sampled
 from socp.brackets import extended
 from socp.contacts import followed
+from socp.errors import MethodError
 from socp.extremal import Contact, Setting
 from socp.problem import Problem
 from socp.singular import Chain, chain, matrix_of
@@ -92,16 +93,30 @@ def setting_of(problem: Problem, modes: Modes, *, constant: bool, given: Mapping
 
 def arc(problem: Problem, modes: Modes, *, constant: bool) -> Extremal:
     """Return what the principle says on an arc; free controls are constants, or functions of time that vary freely."""
-    known: dict[tuple[Modes, bool], Extremal] = vars(problem).setdefault(
-        "_extremals", {}
-    )  # as its own cached properties
-    if (modes, constant) not in known:
-        setting = setting_of(problem, modes, constant=constant)
-        touch = extremal.contact(setting)
-        known[modes, constant] = (
-            _with_singular(setting, touch) if setting.singular else _without_singular(setting, touch)
-        )
-    return known[modes, constant]
+    known: dict[tuple[Modes, bool], Extremal | MethodError] = vars(problem).setdefault("_extremals", {})  # cached
+    key = (modes, constant)
+    if key not in known:
+        try:
+            known[key] = _arc(problem, modes, constant=constant)
+        except MethodError as error:
+            known[key] = error
+    found = known[key]
+    if isinstance(found, MethodError):
+        raise found
+    return found
+
+
+def forget(problem: Problem) -> None:
+    """Forget the arcs for which no law was found: points noted since (`socp.points.note`) may show one."""
+    known: dict[tuple[Modes, bool], Extremal | MethodError] = vars(problem).get("_extremals", {})
+    for key in [key for key, found in known.items() if isinstance(found, MethodError)]:
+        del known[key]
+
+
+def _arc(problem: Problem, modes: Modes, *, constant: bool) -> Extremal:
+    setting = setting_of(problem, modes, constant=constant)
+    touch = extremal.contact(setting)
+    return _with_singular(setting, touch) if setting.singular else _without_singular(setting, touch)
 
 
 def _without_singular(setting: Setting, touch: Contact) -> Extremal:

@@ -10,6 +10,7 @@ from socp.chain import judge
 from socp.errors import MethodError, SolveError
 from socp.following import Follower, sound
 from socp.hidden import revealed
+from socp.lessons import learn
 from socp.mending import Candidate, mends, read, starts
 from socp.modes import arc_modes
 from socp.nlp import Watch, silent
@@ -44,6 +45,7 @@ def refine(
     Best first: what mends the solution with the least residual is tried next. It ends with the first certified word, or
     when nothing is left to try. `late` has other words to begin with, for when those have led nowhere.
     """
+    learn(problem, direct)
     queue: list[tuple[float, Candidate]] = []
     batches = _late(problem, direct, search) if late else _early(problem, direct)
     seen: set[str] = set()  # what failed from another start may succeed from this one

@@ -1,27 +1,24 @@
 """Singular arcs: differentiate the switching functions until the controls appear, and solve for them."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import final
 
 import casadi
 import numpy as np
 
 from socp import points as sampled
-from socp.brackets import extended, switching_row
-from socp.errors import MethodError
-from socp.extremal import DEEPEST, Contact, Setting, equations, reduced
+from socp.brackets import extended
+from socp.extremal import Contact, Setting, homogeneous, reduced
+from socp.invariant import closed
+from socp.links import Link, LostError, Search, begun, differentiated
+from socp.problem import Problem
 from socp.symbols import Expr
 
-
-@final
-@dataclass(frozen=True, eq=False)
-class Link:
-    """A switching function on its way: sigma^(depth) = factor * row z on the arc."""
-
-    row: Expr
-    factor: Expr
-    depth: int = 0
+_QUORUM = 2  # points at which a control has to appear: one might be chance
+_ASIDES = 3  # costates at most that are put aside: conserved quantities of one problem
+_BRANCHES = 24  # ways of going on that are tried from one set of points
 
 
 @final
@@ -43,149 +40,178 @@ class Chain:
     points: np.ndarray
 
 
-@dataclass(eq=False)
-class _Search:
-    """The state of the differentiation: rows so far, the same unreduced, and points on their surface."""
-
-    setting: Setting
-    touch: Contact
-    rows: list[Expr]
-    points: np.ndarray
-    goh: int = 0
-    solved: dict[int, tuple[Expr, list[Expr], Link]] = field(default_factory=dict)
-
-    def add(self, row: Expr, what: str) -> tuple[Expr, Expr]:
-        """Add a row, without its common factor where that leaves points; return (factor, row).
-
-        Raises MethodError where no point is left.
-        """
-        factor, short = reduced(row)
-        for scale, candidate in ((factor, short), (casadi.SX(1), row)):
-            at = sampled.onto(
-                self.setting.problem, equations(self.setting, self.touch, [*self.rows, candidate]), self.points
-            )
-            if at.shape[1]:
-                self.rows, self.points = [*self.rows, candidate], at
-                return scale, candidate
-        raise MethodError(
-            f"{self.setting.name()}: no such arc was found: no state and costate satisfy {what} with all that "
-            f"precedes it ({self.points.shape[1]} points tried)"
-        )
-
-    def holds(self, rows: Sequence[Expr]) -> np.ndarray:
-        """Tell which rows are generically nonzero on the surface (n,)."""
-        values = casadi.vertcat(*(casadi.mtimes(row, extended(self.setting.problem)) for row in rows))
-        return sampled.nonzero(self.setting.problem, values, self.points)[:, 0]
-
-
 def chain(setting: Setting, touch: Contact) -> Chain:
     """Differentiate sigma of every singular control until singular controls appear in all of them.
 
-    Raises MethodError, naming the case, where a control never appears (infinite order), no point satisfies the
-    conditions, the controls do not follow from them, or a control that varies freely would have to be differentiated.
+    Where the surface of the conditions has several branches, each is followed until one shows a law. Raises
+    MethodError, naming the case, where no control appears, proved to be so or not, no point satisfies the conditions,
+    the controls do not follow from them, or a control that varies freely would have to be differentiated.
     """
-    search = _begin(setting, touch)
-    links = {}
-    for i in setting.singular:
-        factor, row = search.add(switching_row(setting.problem, i), f"sigma_{setting.problem.control_names[i]} = 0")
-        links[i] = Link(row, factor)
-    while links:
-        links = _advance(search, links)
-    found = [search.solved[i] for i in setting.singular]
-    _solvable(search, [slopes for _, slopes, _ in found])
-    return Chain(
-        rows=search.rows, rest=[a for a, _, _ in found], slopes=[b for _, b, _ in found],
-        factors=[link.factor for _, _, link in found],
-        orders=[link.depth // 2 for _, _, link in found], goh=search.goh, points=search.points,
-    )  # fmt: skip
+    first: LostError | None = None
+    for points in _sources(setting.problem):
+        if first is not None and first.proved:
+            break
+        try:
+            found = _followed(begun(setting, touch, points), [_BRANCHES])
+        except LostError as error:
+            first = first or error
+            continue
+        parts = [found.solved[i] for i in setting.singular]
+        return Chain(
+            rows=list(found.rows), rest=[a for a, _, _ in parts], slopes=[b for _, b, _ in parts],
+            factors=[link.factor for _, _, link in parts],
+            orders=[link.depth // 2 for _, _, link in parts], goh=found.goh, points=found.points,
+        )  # fmt: skip
+    raise first or LostError(setting.name())
 
 
-def _begin(setting: Setting, touch: Contact) -> _Search:
-    search = _Search(setting, touch, [], sampled.admissible(setting.problem))
-    for row in touch.rows:
-        search.add(row, "sigma = 0 of its boundary controls")
-    return search
+def _sources(problem: Problem) -> Iterator[np.ndarray]:
+    """Yield points (nv, n) to begin from: those that solutions show, random ones, and many of them scattered widely."""
+    yield from sampled.noted(problem)
+    yield sampled.admissible(problem)
+    yield sampled.scattered(problem)
 
 
-def _advance(search: _Search, links: dict[int, Link]) -> dict[int, Link]:
-    """Differentiate all links once; those in which a singular control appears move to `solved`."""
-    setting = search.setting
-    _steady(setting, links)
-    split = {i: _split(search, link) for i, link in links.items()}
-    depth = next(iter(links.values())).depth + 1
-    if depth > DEEPEST:
-        raise MethodError(f"{setting.name()}: no singular control appears in {DEEPEST} derivatives (infinite order)")
-    if depth % 2:
-        _goh(search, [slope for _, slopes in split.values() for slope in slopes], depth)
-    left = {}
-    for i, (rest, slopes) in split.items():
-        name = setting.problem.control_names[i]
-        if search.holds(slopes).any():
-            search.solved[i] = (rest, slopes, Link(rest, links[i].factor, depth))
-        elif not search.holds([rest]).any():
-            raise MethodError(
-                f"{setting.name()}: sigma_{name} vanishes with all its derivatives from the {_nth(depth)} on, and no "
-                "singular control appears in them (infinite order): the principle leaves the control open"
-            )
-        else:
-            factor, row = search.add(rest, f"sigma_{name}^({depth}) = 0")
-            left[i] = Link(row, links[i].factor * factor, depth)
-    return left
+def _followed(search: Search, budget: list[int]) -> Search:
+    """Return the search with all links solved, by the first way of going on that leads there; depth first."""
+    if not search.now and search.left:
+        search = differentiated(search)
+    if not search.now:
+        return _solvable(search)
+    held, left = _sorted(search)
+    for begin in _aside(search, ~held & ~left):
+        with suppress(LostError):  # what it comes to says nothing of the points at hand
+            return _followed(begin(), budget)
+    lost: LostError | None = None
+    for step in _ways(search, held, left):
+        if budget[0] <= 0:
+            break
+        budget[0] -= 1
+        try:
+            return _followed(step(), budget)
+        except LostError as error:
+            lost = lost or error
+    raise lost or _nothing(search, int(held.sum()))
+
+
+def _sorted(search: Search) -> tuple[np.ndarray, np.ndarray]:
+    """Tell at which points (n,) the next link holds a singular control, and at which others its rest is left."""
+    _, rest, slopes = next(iter(search.now.values()))
+    if not slopes:  # sigma itself
+        return np.zeros(search.points.shape[1], dtype=bool), np.ones(search.points.shape[1], dtype=bool)
+    held: np.ndarray = np.any(search.real(slopes), axis=1)
+    left: np.ndarray = ~held & search.real([rest])[:, 0]
+    return held, left
+
+
+def _aside(search: Search, empty: np.ndarray) -> Iterator[Callable[[], Search]]:
+    """Yield the search begun anew with one costate zero, where the next link is `empty` (n,) at most points.
+
+    The gradient of a conserved quantity may be added to every costate, and alone it satisfies everything: so one
+    costate may be put to zero, the largest at these points.
+    """
+    if empty.mean() <= 0.5 or len(search.aside) >= _ASIDES or not homogeneous(search.setting.problem):
+        return
+    j = _largest(search, empty)
+    if j not in search.aside and not _closed(search):
+        yield lambda: begun(search.setting, search.touch, search.start, (*search.aside, j))
+
+
+def _ways(search: Search, held: np.ndarray, open_: np.ndarray) -> Iterator[Callable[[], Search]]:
+    """Yield what may be next on the branches that the points lie on, that of most points first.
+
+    Points at which neither the controls nor the rest of the derivative is left, such as a costate that vanishes, decide
+    nothing where there are others.
+    """
+    i, (link, rest, slopes) = next(iter(search.now.items()))
+    later = {k: each for k, each in search.now.items() if k != i}
+    depth = link.depth + 1
+
+    def solved() -> Search:
+        done = {**search.solved, i: (rest, slopes, replace(link, row=rest, depth=depth))}
+        return replace(search, points=search.points[:, held], now=later, solved=done)
+
+    def vanishing(factor: Expr, row: Expr) -> Callable[[], Search]:
+        def step() -> Search:
+            name = search.setting.problem.control_names[i]
+            what = f"sigma_{name}^({depth}) = 0" if depth else f"sigma_{name} = 0"
+            found = search.add(row, what, search.points[:, open_])
+            return replace(found, now=later, left={**search.left, i: Link(row, link.factor * factor, depth)})
+
+        return step
+
+    on = [vanishing(*each) for each in _factored(search, rest)] if open_.any() else []
+    enough = [solved] if held.sum() >= _QUORUM else []
+    yield from (enough + on if held.sum() >= open_.sum() else on + enough)
+
+
+def _largest(search: Search, which: np.ndarray) -> int:
+    """Return the state whose costate is the largest at some points (n,), each costate measured by how it spreads."""
+    problem = search.setting.problem
+    nx, first = problem.x.numel(), 1 + problem.x.numel() + problem.p.numel()
+    size = sampled.spread(problem)[first : first + nx]
+    return int(np.argmax(np.median(np.abs(search.points[first : first + nx, which]), axis=1) / size))
+
+
+def _factored(search: Search, row: Expr) -> Iterator[tuple[Expr, Expr]]:
+    """Yield (factor, row) for every way in which a row may vanish: without its common factor, then that factor."""
+    factor, short = reduced(row)
+    yield factor, short
+    if not factor.is_constant():
+        alone = casadi.SX(1, row.numel())
+        alone[row.numel() - 1] = factor
+        yield casadi.mtimes(short, extended(search.setting.problem)), casadi.sparsify(alone)
+
+
+def _nothing(search: Search, held: int) -> LostError:
+    """Return the error of a link of which nothing is left: whether that is proved, or only all that was found.
+
+    At `held` points there was a control, too few to believe in it.
+    """
+    i, (link, _, _) = next(iter(search.now.items()))
+    name, depth, count = search.setting.problem.control_names[i], _nth(link.depth + 1), search.points.shape[1]
+    if _closed(search):
+        return LostError(
+            f"{search.setting.name()}: sigma_{name} vanishes with all its derivatives from the {depth} on, and no "
+            "singular control appears in them (infinite order): the principle leaves the control open",
+            proved=True,
+        )
+    return LostError(
+        f"{search.setting.name()}: no law was found: at {count - held} of {count} points found on sigma_{name} = 0 and "
+        f"its derivatives the {depth} vanishes too, which proves nothing"
+    )
+
+
+def _closed(search: Search) -> bool:
+    _, rest, slopes = next(iter(search.now.values()))
+    return closed(search.setting, search.touch, search.rows, [rest, *slopes])
 
 
 def _nth(k: int) -> str:
     return {1: "1st", 2: "2nd", 3: "3rd"}.get(k, f"{k}th")
 
 
-def _steady(setting: Setting, links: dict[int, Link]) -> None:
-    for i, link in links.items():
-        if setting.varying.numel() and casadi.depends_on(link.row, setting.varying):
-            raise MethodError(
-                f"{setting.name()}: the law of '{setting.problem.control_names[i]}' depends on the rate of change of a "
-                "free control"
-            )
-
-
-def _split(search: _Search, link: Link) -> tuple[Expr, list[Expr]]:
-    """Return the derivative of a link as (row without the singular controls, rows of their coefficients)."""
-    unknown = search.setting.unknown
-    row = search.touch.flow.of_row(link.row)
-    slopes = casadi.jacobian(row.T, unknown)
-    rest = casadi.substitute(row, unknown, casadi.SX.zeros(unknown.numel(), 1))
-    return rest, [
-        casadi.substitute(slopes[:, k].T, unknown, casadi.SX.zeros(unknown.numel(), 1)) for k in range(unknown.numel())
-    ]
-
-
-def _goh(search: _Search, slopes: list[Expr], depth: int) -> None:
-    """Require the coefficients of singular controls in odd derivatives to vanish, as a minimum needs (Goh, Robbins).
-
-    They vanish all along the arc, so their derivatives do; one that holds a singular control ends this.
-    """
-    what = f"Goh's condition on the sigma^({depth})"
-    for slope in slopes:
-        row = slope
-        while search.goh < DEEPEST and search.holds([row]).any():
-            if search.solved:
-                name = search.setting.name()
-                raise MethodError(f"{name}: singular controls of different orders act on each other; not derived")
-            _, row = search.add(row, what)
-            search.goh += 1
-            rest, held = _split(search, Link(row, casadi.SX(1)))
-            if search.holds(held).any():
-                break
-            row = rest
-
-
-def _solvable(search: _Search, slopes: list[list[Expr]]) -> None:
+def _solvable(search: Search) -> Search:
+    """Return a finished search whose conditions determine the controls, at its points where they do."""
     names = search.setting.problem.control_names
     odd = [names[i] for i in search.setting.singular if search.solved[i][2].depth % 2]
-    matrix = sampled.evaluator(search.setting.problem, matrix_of(slopes, extended(search.setting.problem)))
-    if odd or not sampled.generic(search.setting.problem, lambda at: np.linalg.det(matrix(at)[0]), search.points):
-        raise MethodError(
+    where = _determined(search.setting, [search.solved[i][1] for i in search.setting.singular], search.points)
+    if odd or not where.any():
+        raise LostError(
             f"{search.setting.name()}: the conditions hold these controls but do not determine them "
             f"({'odd order of ' + odd[0] if odd else 'their matrix is singular everywhere: vanishing denominator'})"
         )
+    return replace(search, points=search.points[:, where])
+
+
+def regular(setting: Setting, chain: Chain, points: np.ndarray) -> np.ndarray:
+    """Tell at which points (n,) of the surface a chain determines its controls: on trivial branches it does not."""
+    return _determined(setting, chain.slopes, points)
+
+
+def _determined(setting: Setting, slopes: list[list[Expr]], points: np.ndarray) -> np.ndarray:
+    matrix = sampled.evaluator(setting.problem, matrix_of(slopes, extended(setting.problem)))
+    return sampled.real(setting.problem, lambda at: np.linalg.det(matrix(at)[0]), points)
 
 
 def matrix_of(slopes: list[list[Expr]], z: Expr) -> Expr:
