@@ -93,8 +93,8 @@ def _faults(problem: Problem, solution: Any) -> Iterator[str]:
 def judge(problem: Problem, solution: Solution) -> Solution:
     """Return a solution with its structure, its verification, its verdict and its problem, all worked out anew."""
     solution = carrying(problem, solution)
-    values: list[Any] = [each for arc in solution.arcs for each in (arc.x, arc.u)]
-    values.append(list(solution.parameters.values()))
+    values = [each for arc in solution.arcs for each in (arc.x, arc.u)]
+    values.append(np.array(list(solution.parameters.values()), dtype=float))
     if not all(np.isfinite(each).all() for each in values):
         verdict = Verdict(miss=float("inf"), notes=("the solution is not finite",))
         return replace(solution, verified=(), verdict=verdict)
