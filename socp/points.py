@@ -131,6 +131,8 @@ def onto(
     if not arrived.any():
         return points[:, :0]
     arrived &= (np.abs(points[movable] - start) <= far * size[:, None]).all(axis=0)
+    if room is not None:  # an arc on a bound is a boundary arc
+        arrived &= (room(points)[: problem.x.numel()] > _INERTIA * _TOUCH * size[: problem.x.numel(), None]).all(axis=0)
     return _within(problem, points[:, arrived])
 
 

@@ -74,11 +74,11 @@ def filling(second: float) -> Problem:
     )  # fmt: skip
 
 
-def catalyst() -> Problem:
+def catalyst(long: float = 1) -> Problem:
     """Return catalyst mixing with its product as a state: the sum of all three is conserved."""
     return problem(
         minimise=-c, dynamics={a: u * (10 * b - a), b: u * (a - 10 * b) - (1 - u) * b, c: (1 - u) * b},
-        bounds={u: (0, 1)}, start={a: 1, b: 0, c: 0}, final_time=1,
+        bounds={u: (0, 1)}, start={a: 1, b: 0, c: 0}, final_time=long,
     )  # fmt: skip
 
 
@@ -178,11 +178,16 @@ def test_ribosomes_live_where_balanced_growth_is_fastest() -> None:
     assert np.ptp(points[3]) > 0.1, "of any mass"
 
 
-def test_catalyst_law_is_jacksons_constant() -> None:
-    own = catalyst()
-    found = laws.derive(own, ("u",))
+@pytest.mark.parametrize("long", [0.5, 1, 2, 4])
+def test_catalyst_law_keeps_jacksons_ratio(long: float) -> None:
+    """The ratio is 10 + sqrt(10), or 10 - sqrt(10) outside the box; costates along the conserved sum do not matter."""
+    found = laws.derive(catalyst(long), ("u",))
+    ratio = found.points[1] / found.points[2]
+    assert np.allclose(np.abs(ratio - 10), np.sqrt(10), rtol=1e-8)
     assert found.feedback is not None
-    assert np.allclose(sampled.evaluator(own, found.feedback)(found.points)[0], 0.2271420829, atol=1e-9)
+    values = sampled.evaluator(found.chain[0].problem, found.feedback)(found.points)[0].ravel()
+    assert np.allclose(values, ratio / ((ratio - 10) * (1 + ratio) + ratio), rtol=1e-7)
+    assert np.isclose(values, 0.22714208).sum() > len(values) / 2
 
 
 def test_laws_are_the_same_in_seconds_and_in_hours() -> None:
@@ -247,6 +252,12 @@ def test_a_span_is_not_closed_where_rows_hold_on_a_surface_of_states_only() -> N
     assert not closed(setting, touch, [costate_y, state_x], [state_y])
     one = casadi.SX([0, 0, 1]).T
     assert not closed(setting, touch, [one + costate_y, costate_y], [costate_x]), "no costate: 0 = 1"
+
+
+def test_a_conserved_gradient_proves_nothing() -> None:
+    own = problem(minimise=y, dynamics={x: u, y: -u}, start={x: 1, y: 1}, final_time=5)
+    with pytest.raises(MethodError, match=r"no law was found: at \d+ of \d+ points .* proves nothing"):
+        laws.derive(own, ("u",))
 
 
 def test_what_is_not_found_is_not_called_infinite() -> None:
@@ -355,7 +366,8 @@ def test_far_bounds_have_boundary_laws() -> None:
 
 
 @pytest.mark.parametrize(("make", "objective", "word"), [
-    (lambda: across(pi / 2), 4.32117356299, "u: + s"), (current, 5.27278526, "u: - s"), (drag, 1 - np.sqrt(2) * np.arctan(np.sqrt(0.5)), "u: - s"),
+    (lambda: across(pi / 2), 4.32117356299, "u: + s"), (current, 5.27278526, "u: - s"),
+    (drag, 1 - np.sqrt(2) * np.arctan(np.sqrt(0.5)), "u: - s"),
     (lambda: filling(1.0), 55427.1810, "u: + s -"), (feeding, -10.23765295, "u: - s -"),
 ])  # fmt: skip
 @pytest.mark.slow
