@@ -22,7 +22,7 @@ from socp.nlp import Watch, silent
 from socp.problem import Problem
 from socp.simulate import verify
 from socp.solution import Solution, Stop
-from socp.structure import structure
+from socp.structure import structure_of
 from socp.verdict import Verdict
 
 
@@ -100,13 +100,13 @@ def judge(problem: Problem, solution: Solution) -> Solution:
         return replace(solution, verified=(), verdict=verdict)
     began = time.perf_counter()
     with np.errstate(all="ignore"):  # what overflows is infinite or nan, and no condition holds with either
-        solution = replace(solution, structure=structure(problem, solution))
+        solution = replace(solution, structure=structure_of(problem, solution))
         learn(problem, solution)
         solution = replace(solution, verified=verify(problem, solution))
     integrated = time.perf_counter()
     try:
         with np.errstate(all="ignore"):
-            verdict, arcs = pmp.certify(problem, solution)
+            verdict, arcs = certify(problem, solution)
     except (np.linalg.LinAlgError, ValueError, ArithmeticError, RecursionError) as error:
         worst = max(solution.verified, key=lambda f: f.off)
         notes = (f"the principle could not be judged: {error}",)

@@ -82,13 +82,13 @@ def _curves(
     """Yield the panels of one kind that have anything to show."""
     rows = _rows(name, solution, along)
     box = _bounds(name, problem)
-    for (own, label), values in rows.items():
+    for (owner, label), values in rows.items():
         if not np.isfinite(values).any():
             continue
-        arcs = solution.structure.get(own, ()) if name in {"controls", "switching"} else ()
+        arcs = solution.structure.get(owner, ()) if name in {"controls", "switching"} else ()
         yield Curve(
-            label=label, unit=known.get(own, "") if name in {"controls", "states"} else "", t=along.t, values=values,
-            bounds=box.get(own, (-np.inf, np.inf)), stretches=arcs,
+            label=label, unit=known.get(owner, "") if name in {"controls", "states"} else "", t=along.t, values=values,
+            bounds=box.get(owner, (-np.inf, np.inf)), stretches=arcs,
             switches=[end for _, _, end in arcs[:-1]] if arcs else solution.switches,
             zero=name in {"switching", "multipliers"}, lanes=name == "controls",
         )  # fmt: skip
@@ -129,16 +129,16 @@ def _heights(curve: Curve) -> tuple[float, float]:
 
 def _scene(solution: "Solution", problem: "Problem", along: Traces, width: float) -> tuple[Panel, bool]:
     """Return the panel of the scene, and whether it goes across the page."""
-    known, picture = _units(problem), scene.picture(problem, solution, along.t)
+    known, seen = _units(problem), scene.picture(problem, solution, along.t)
     plane = [str(each) for each in scene.own(problem).plane]
-    pairs = zip(plane, picture.labels, strict=True)
+    pairs = zip(plane, seen.labels, strict=True)
     labels = [
         style.label(style.symbol(p), known.get(p, "")) if p in (*solution.state_names, "t") else text
         for p, text in pairs
     ]
-    (left, right), (low, high) = picture.box
-    ratio = (right - left) / (high - low) if picture.spatial else 1.6
-    across = picture.spatial and ratio > _FLAT
+    (left, right), (low, high) = seen.box
+    ratio = (right - left) / (high - low) if seen.spatial else 1.6
+    across = seen.spatial and ratio > _FLAT
     room = width if across or width < TWO else 0.5 * width
     height = min((room - LEFT - RIGHT) / ratio, 2.6)
-    return Panel(partial(draw_scene, picture=picture, labels=(labels[0], labels[1])), height, timed=False), across
+    return Panel(partial(draw_scene, picture=seen, labels=(labels[0], labels[1])), height, timed=False), across

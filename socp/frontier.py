@@ -16,7 +16,7 @@ from socp.junctions import chattering
 from socp.limits import told
 from socp.mending import Candidate, Joint, mends, read
 from socp.modes import arc_modes
-from socp.neighbours import changed, dropped, left_out, put_in, spelled, without
+from socp.neighbours import changed, dropped, left_out, put_in, spelled, shortened
 from socp.nlp import Backend, Watch, silent
 from socp.problem import Problem
 from socp.solution import Solution, Stop
@@ -113,7 +113,7 @@ class _Trials:
         solution = judge(self.problem, solution)
         if solution.verdict is None or not solution.verdict.miss <= _FEASIBLE:
             return False
-        lean = without(spelled(solution), SHORTEST)
+        lean = shortened(spelled(solution), SHORTEST)
         if self.dwell == 0.0 and len(lean.arcs) < len(solution.arcs):
             self.solve(lean)
         row = self.found[len(solution.arcs) - 1]
@@ -130,7 +130,7 @@ class _Trials:
         return best
 
 
-def frontier(
+def best_by_switches(
     problem: Problem, most: int, start: Solution, dwell: float = 0.0,
     backend: Backend | None = None, watch: Watch = silent,
 ) -> Frontier:  # fmt: skip

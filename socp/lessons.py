@@ -7,7 +7,7 @@ from socp.errors import MethodError
 from socp.principle import derive, forget
 from socp.problem import Problem
 from socp.solution import Solution
-from socp.structure import structure
+from socp.structure import structure_of
 
 _POINTS = 12  # taken along one stretch
 _SHORTEST = 0.02  # of the horizon: a shorter stretch that looks singular is a switch between two nodes, or ringing
@@ -26,7 +26,7 @@ def learn(problem: Problem, solution: Solution) -> bool:
     shortest = _SHORTEST * (solution.final_time - solution.initial_time)
     points = [
         _along(problem, solution, a + _INNER * (b - a), b - _INNER * (b - a))
-        for name, stretches in (solution.structure or structure(problem, solution)).items()
+        for name, stretches in (solution.structure or structure_of(problem, solution)).items()
         if (inner := [(a, b) for mode, a, b in stretches if mode == "s" and b - a > shortest])
         and not _has_law(problem, name)
         for a, b in inner

@@ -11,7 +11,7 @@ from socp import laws
 from socp.guess import split
 from socp.problem import Problem
 from socp.solution import Solution
-from socp.structure import constraint_values, structure
+from socp.structure import constraint_values, structure_of
 from socp.verdict import EXTREMAL, SHORTEST
 from socp.word import Mode, Word
 
@@ -75,7 +75,7 @@ def read(problem: Problem, solution: Solution, *, plain: bool = False) -> Candid
     """Read the word of a direct solution, what its grid has smeared taken back, or as plainly as it stands."""
     step = (solution.final_time - solution.initial_time) / sum(len(arc.mesh) - 1 for arc in solution.arcs)
     rows = {}
-    for name, row in structure(problem, solution).items():
+    for name, row in structure_of(problem, solution).items():
         kept = list(row) if plain else _calmed(list(row), _FLUTTER * step)
         while len(kept) > 1 and not plain:
             blurred = [k for k, (mode, a, b) in enumerate(kept) if mode not in "+-" and b - a < _BLURRED * step]

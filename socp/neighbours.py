@@ -23,7 +23,7 @@ def _text(solution: Solution) -> str:
     return "; ".join(f"{name}: {' '.join(row)}" for name, row in zip(solution.control_names, rows, strict=True))
 
 
-def without(given: Candidate, shortest: float) -> Candidate:
+def shortened(given: Candidate, shortest: float) -> Candidate:
     """Return a candidate without its arcs that are at most so short, relative to the horizon."""
     return merged(mending.without(given, shortest * (given.edges[-1] - given.edges[0])))
 

@@ -21,7 +21,7 @@ ACTIVE = 1e-4
 _FITS = 1e-2
 
 
-def structure(problem: Problem, solution: Solution) -> dict[str, tuple[Stretch, ...]]:
+def structure_of(problem: Problem, solution: Solution) -> dict[str, tuple[Stretch, ...]]:
     """Return every control's stretches in time; arcs that follow a law carry their own mode, other values are read.
 
     A single interval between two stretches of different kinds holds the switch: it is placed where the integral of the

@@ -13,7 +13,7 @@ from socp.guess import default_guess
 from socp.method import Method
 from socp.simulate import verify
 from socp.solution import Solution, Stop
-from socp.structure import structure
+from socp.structure import structure_of
 
 WORD = "r: + s s s +; f: + + b - -"
 ROUGH = "0.05 0.6 14 0.1 0.2"
@@ -76,7 +76,7 @@ def test_the_word_leads_where_it_says() -> None:
     as_time, as_feedback = verify(problem, solution)
     assert as_time.worst < 1e-8
     assert as_feedback.worst < 1e-8
-    found = structure(problem, solution)
+    found = structure_of(problem, solution)
     assert {name: [mode for mode, _, _ in row] for name, row in found.items()} == {
         "r": ["+", "s", "+"],
         "f": ["+", "b[u.upper]", "-"],

@@ -12,10 +12,10 @@ from socp import Ipopt, Problem, Solution, controls, single_phase, solve_colloca
 from socp.census import explore
 from socp.cli import main
 from socp.errors import MethodError
-from socp.frontier import Frontier, best_word, frontier
+from socp.frontier import Frontier, best_word, best_by_switches
 from socp.guess import default_guess
 from socp.limits import limit, shortening, told
-from socp.neighbours import changed, dropped, left_out, put_in, spelled, without
+from socp.neighbours import changed, dropped, left_out, put_in, spelled, shortened
 from socp.registry import Registry
 from socp.schemes import euler
 from socp.symbols import final_time
@@ -41,7 +41,7 @@ def certified() -> Solution:
 @pytest.fixture(scope="module")
 def fuller() -> tuple[Problem, Frontier]:
     problem = Registry.load(only=()).problem("fuller")
-    return problem, frontier(problem, 3, rough(problem))
+    return problem, best_by_switches(problem, 3, rough(problem))
 
 
 # -- words next to a word
@@ -57,9 +57,9 @@ def test_an_arc_left_out_leaves_its_time_to_its_neighbours() -> None:
 
 def test_arcs_without_length_go() -> None:
     given = made("+ +", "- +", "+ +", edges=(0.0, 6.0, 6.0, 12.0))
-    assert (text(without(given, 1e-6)), without(given, 1e-6).edges) == (["+ +"], (0, 12))
+    assert (text(shortened(given, 1e-6)), shortened(given, 1e-6).edges) == (["+ +"], (0, 12))
     first = made("+ +", "- +", edges=(0.0, 0.0, 12.0))
-    assert (text(without(first, 1e-6)), without(first, 1e-6).edges) == (["- +"], (0, 12))
+    assert (text(shortened(first, 1e-6)), shortened(first, 1e-6).edges) == (["- +"], (0, 12))
 
 
 def test_arcs_put_in_are_near_their_neighbours_and_short() -> None:
@@ -89,7 +89,7 @@ def test_a_solution_spells_the_word_of_its_arcs() -> None:
 
 
 def test_too_few_switches_are_infeasible_and_more_do_no_better(certified: Solution) -> None:
-    found = frontier(cart, 2, certified)
+    found = best_by_switches(cart, 2, certified)
     assert found.every
     assert found.words == 2 + 2 + 2  # no singular arcs: two modes
     assert found.rows[0] is None
@@ -100,16 +100,16 @@ def test_too_few_switches_are_infeasible_and_more_do_no_better(certified: Soluti
 
 
 def test_dwell_times_hold_arcs_apart(certified: Solution) -> None:
-    longer = frontier(cart, 1, certified, dwell=1.2)
+    longer = best_by_switches(cart, 1, certified, dwell=1.2)
     assert longer.rows[1] is None  # two arcs of 1.2 overshoot: the way is (T/2)^2
-    assert frontier(cart, 1, certified, dwell=0.9).rows[1].objective == pytest.approx(2.0, abs=1e-9)
+    assert best_by_switches(cart, 1, certified, dwell=0.9).rows[1].objective == pytest.approx(2.0, abs=1e-9)
 
 
 @pytest.mark.slow
 def test_dwell_times_cost_where_they_bind() -> None:
     problem = Registry.load(only=()).problem("fuller")
-    found = frontier(problem, 2, rough(problem), dwell=0.8)
-    free = frontier(problem, 2, rough(problem))
+    found = best_by_switches(problem, 2, rough(problem), dwell=0.8)
+    free = best_by_switches(problem, 2, rough(problem))
     assert free.rows[2].objective < found.rows[2].objective
     for row in found.rows:
         assert min(arc.t[-1] - arc.t[0] for arc in row.arcs) >= 0.8 - 1e-9
@@ -151,7 +151,7 @@ def test_no_limit_without_a_geometric_sequence(fuller: tuple[Problem, Frontier])
 
 def test_many_words_are_found_next_to_the_best_ones(certified: Solution, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("socp.frontier._ALL", 1)
-    found = frontier(cart, 2, certified)
+    found = best_by_switches(cart, 2, certified)
     assert not found.every
     assert (found.rows[0], found.rows[1].word) == (None, "u: + -")
     assert found.rows[2] is found.rows[1]
@@ -164,7 +164,7 @@ def test_a_watch_that_has_seen_enough_ends_it(certified: Solution) -> None:
         words.append(now.word)
         return now.word == "u: + -"
 
-    found = frontier(cart, 2, certified, watch=watch)
+    found = best_by_switches(cart, 2, certified, watch=watch)
     assert found.interrupted
     assert not found.every
     assert found.rows[2] is None
@@ -174,7 +174,7 @@ def test_a_watch_that_has_seen_enough_ends_it(certified: Solution) -> None:
 @pytest.mark.parametrize(("most", "dwell"), [(-1, 0.0), (2, -0.5), (2, math.nan)])
 def test_numbers_out_of_range_are_refused(certified: Solution, most: int, dwell: float) -> None:
     with pytest.raises(MethodError, match="must be at least 0"):
-        frontier(cart, most, certified, dwell)
+        best_by_switches(cart, most, certified, dwell)
 
 
 # -- the command

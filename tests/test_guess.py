@@ -11,7 +11,7 @@ from socp.guess import arranged, default_guess, guess_of, split
 from socp.problem import Problem, controls, final_time, initial_time, parameters, states, time
 from socp.registry import Registry
 from socp.solution import Solution
-from socp.structure import structure
+from socp.structure import structure_of
 from socp.word import Word
 
 x, v = states("x v")
@@ -138,4 +138,4 @@ def test_arranging_keeps_an_interval_for_an_arc_that_is_not_there() -> None:
     lengths = [float(arc.t[-1] - arc.t[0]) for arc in parts.arcs]
     assert min(lengths) > 0
     assert sum(lengths) == pytest.approx(10.0)
-    assert structure(cart(), parts)["u"][0][0] == "+"
+    assert structure_of(cart(), parts)["u"][0][0] == "+"

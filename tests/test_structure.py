@@ -10,7 +10,7 @@ import pytest
 from socp.problem import Problem, controls, final_time, states
 from socp.schemes import Scheme, euler, lgr, radau_iia, trapezoid
 from socp.solution import Arc, Solution, Stop
-from socp.structure import misfit, structure
+from socp.structure import misfit, structure_of
 from socp.tables import table
 from socp.word import Mode
 
@@ -40,7 +40,7 @@ def held(steps: Any, others: Any = 0.5, *, height: Callable[[np.ndarray], np.nda
 
 
 def read(steps: Any, **options: Any) -> tuple[tuple[str, float, float], ...]:
-    return structure(problem, held(steps, **options))["u"]
+    return structure_of(problem, held(steps, **options))["u"]
 
 
 def test_bounds_and_interior_values() -> None:
@@ -68,7 +68,7 @@ def test_a_switch_onto_a_singular_stretch_is_placed_likewise() -> None:
 
 
 def test_every_control_has_its_own_stretches() -> None:
-    found = structure(problem, held([3, 3, -1, -1], [0, 1, 1, 0.5]))
+    found = structure_of(problem, held([3, 3, -1, -1], [0, 1, 1, 0.5]))
     assert found["u"] == (("+", 0, 2), ("-", 2, 4))
     assert [mode for mode, _, _ in found["w"]] == ["-", "+", "s"]
 
@@ -81,7 +81,7 @@ def test_an_interior_control_on_an_active_constraint_is_a_boundary_arc() -> None
 
 def test_a_control_that_does_not_act_on_the_constraint_is_on_no_boundary_arc() -> None:
     solution = held([1, 1, 0, 0, 0, -1, -1], 0.5, height=lambda t: np.interp(t, [0, 2, 5, 7], [0, 2, 2, 0]))
-    assert structure(problem, solution)["w"] == (("s", 0, 7),)
+    assert structure_of(problem, solution)["w"] == (("s", 0, 7),)
 
 
 def test_a_bound_counts_before_a_constraint() -> None:
@@ -93,7 +93,7 @@ def test_arcs_that_follow_a_law_carry_its_mode() -> None:
     (arc,) = solution.arcs
     lawful = replace(arc, modes=("s", "b[x.upper]"))
     later = replace(arc, t=arc.t + 4, modes=("s", "-"))
-    found = structure(problem, replace(solution, arcs=(lawful, later)))
+    found = structure_of(problem, replace(solution, arcs=(lawful, later)))
     assert found == {"u": (("s", 0, 8),), "w": (("b[x.upper]", 0, 4), ("-", 4, 8))}
 
 
@@ -102,7 +102,7 @@ def test_stretches_of_no_length_are_dropped() -> None:
     (arc,) = solution.arcs
     empty = replace(arc, t=0 * arc.t + 2, modes=("s", "s"))
     later = replace(arc, t=arc.t + 2, modes=("-", "+"))
-    found = structure(problem, replace(solution, arcs=(replace(arc, modes=("+", "+")), empty, later)))
+    found = structure_of(problem, replace(solution, arcs=(replace(arc, modes=("+", "+")), empty, later)))
     assert found["u"] == (("+", 0, 2), ("-", 2, 4))
     assert found["w"] == (("+", 0, 4),)
 
@@ -118,7 +118,7 @@ def test_every_scheme_is_read(scheme: Scheme) -> None:
         mesh=joined.mesh, side=joined.side, modes=("*", "*"),
     )  # fmt: skip
     solution = Solution(problem=problem.name, method="m", arcs=(arc,), objective=0.0, stop=Stop.SOLVED)
-    found = structure(problem, solution)["u"]
+    found = structure_of(problem, solution)["u"]
     if scheme.side == "both":  # linear from 3 to 1 and on to -1: two intervals hold the switch
         assert [found[0][0], found[-1][0]] == ["+", "-"]
     else:

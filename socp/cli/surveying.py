@@ -179,7 +179,7 @@ def frontier(session: Session, /, **given: Any) -> int:
     from socp.census import explore
     from socp.chain import versions
     from socp.checks import useful
-    from socp.frontier import frontier as search
+    from socp.frontier import best_by_switches as search
 
     session.quiet = given["quiet"]
     posed = load_problem(given["problem"], session.registry(plugins=False))
