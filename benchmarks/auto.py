@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from socp import Method, Problem, Solution, default_guess, run
-from socp.registry import Registry
+from socp.registry.plugins import Registry
 
 _RUNS = 5
 

@@ -12,9 +12,10 @@ from typing import final
 from rich.console import Console
 from rich.table import Table
 
-from socp import Problem, Solution, default_guess, refine, run
+from socp import Problem, Solution, default_guess, run
 from socp.errors import SocpError
-from socp.registry import Registry
+from socp.registry.plugins import Registry
+from socp.search import refinement as refine
 
 _DIGITS = 15  # of a float
 

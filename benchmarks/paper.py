@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from socp import Ipopt, Problem, Solution, Word, default_guess, run
-from socp.following import Follower
-from socp.guess import arranged
-from socp.registry import Registry
+from socp.methods.guess import arranged
+from socp.methods.solving import Follower
+from socp.registry.plugins import Registry
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "paper.md"

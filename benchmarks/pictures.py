@@ -9,7 +9,7 @@ from pathlib import Path
 
 from socp import Solution
 from socp.cli import main as socp
-from socp.registry import Registry
+from socp.registry.plugins import Registry
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

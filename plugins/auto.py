@@ -18,14 +18,11 @@ from socp import (
     solve_collocated,
     uniform,
 )
-from socp.conclusion import concluded, pursued
-from socp.frontier import limited
-from socp.refine import refine
-from socp.schemes import euler, radau_iia
-from socp.scouting import scouts
-from socp.search import Search
-from socp.solution import Stop
-from socp.trust import trusted
+from socp.methods import scouts
+from socp.model import Stop
+from socp.search import Search, concluded, pursued, refine, trusted
+from socp.study import limited
+from socp.transcription import euler, radau_iia
 
 _DIRECT = Ipopt({"max_iter": 500})  # what a direct solve has not reached by then it hardly ever reaches
 

@@ -17,7 +17,7 @@ from socp import (
     solve_collocated,
     uniform,
 )
-from socp.schemes import euler
+from socp.transcription import euler
 
 
 @final

@@ -17,7 +17,7 @@ from socp import (
     solve_collocated,
     uniform,
 )
-from socp.schemes import hermite_simpson
+from socp.transcription import hermite_simpson
 
 
 @final

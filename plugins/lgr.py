@@ -17,7 +17,7 @@ from socp import (
     solve_collocated,
     uniform,
 )
-from socp.schemes import lgr
+from socp.transcription import lgr
 
 
 @final

@@ -20,10 +20,9 @@ from socp import (
     solve_collocated,
     uniform,
 )
-from socp.following import Follower, sound
-from socp.guess import arranged, split
-from socp.schemes import euler, lgr
-from socp.solution import Stop
+from socp.methods import Follower, arranged, sound, split
+from socp.model import Stop
+from socp.transcription import euler, lgr
 
 _COARSE = 100  # steps of the coarse solve: enough to show the arcs, few enough to cost nothing
 

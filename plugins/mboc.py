@@ -22,25 +22,27 @@ from socp import (
     solve_collocated,
     uniform,
 )
-from socp.branching import Branching, Child
-from socp.chain import judge
-from socp.coarse import Coarse
 from socp.errors import SolveError
-from socp.guess import arranged
-from socp.hidden import revealed
-from socp.junctions import chattering
-from socp.mending import Candidate, merged, without
-from socp.modes import arc_modes
-from socp.principle import Modes
-from socp.rounding import rounded
-from socp.schemes import radau_iia
-from socp.scouting import scouts
-from socp.search import Ration
-from socp.softening import missed, softened
-from socp.solution import Stop
-from socp.verdict import SHORTEST
-from socp.word import Mode, Word
-from socp.words import all_words, count
+from socp.laws import Modes, arc_modes
+from socp.methods import arranged, scouts
+from socp.model import SHORTEST, Mode, Stop, Word
+from socp.search import (
+    Branching,
+    Candidate,
+    Child,
+    Coarse,
+    Ration,
+    all_words,
+    count,
+    merged,
+    missed,
+    revealed,
+    rounded,
+    softened,
+    without,
+)
+from socp.transcription import radau_iia
+from socp.verdict import chattering, judge
 
 _DIRECT = Ipopt({"max_iter": 500})  # what a direct solve has not reached by then it hardly ever reaches
 _STEPS = 50  # intervals of the finer direct solves, where the scouts' words lead nowhere
@@ -69,7 +71,7 @@ class Mboc(Method):
         """Search for a word that the judge certifies; else return the best with what is left open in its message."""
         began, most = time.perf_counter(), self._most()
         if self.solver != "search":
-            from socp.minlp import available
+            from socp.search import available
 
             available(self.solver)  # raises before anything is solved
         modes = arc_modes(problem)
@@ -141,7 +143,7 @@ class Mboc(Method):
 
     def _programmed(self, branching: Branching, guess: Solution, directs: list[Solution], watch: Watch) -> None:
         """Have a mixed-integer solver choose the modes; what it returns is cleaned, solved anew and judged."""
-        from socp.minlp import minlp
+        from socp.search import minlp
 
         problem = branching.coarse.problem
         met = scouts(problem, guess, self.starts, watch) or [guess]

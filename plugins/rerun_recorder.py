@@ -11,18 +11,27 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from socp import SolveError, hookimpl
-from socp.nlp import Progress
-from socp.printable import file_stem, one_line
-from socp.problem import Problem
-from socp.recording import viewer
-from socp.recording.contents import Run, items, log10
-from socp.recording.items import PALETTE, Item, Note, Plane
-from socp.recording.layout import HELP, layout, streaming
-from socp.recording.plane import ground, scale, together
-from socp.recording.summary import comparison
-from socp.recording.translate import blueprint, send
-from socp.scene import picture
-from socp.solution import Solution
+from socp.model import Problem, Progress, Solution, picture
+from socp.process import file_stem, one_line
+from socp.view import (
+    HELP,
+    PALETTE,
+    Item,
+    Note,
+    Plane,
+    Run,
+    blueprint,
+    comparison,
+    ground,
+    items,
+    layout,
+    log10,
+    scale,
+    send,
+    streaming,
+    together,
+)
+from socp.view.recording import viewer
 
 SCHEMA = 1  # version of what a recording holds, in its properties
 _FOOTER = b"RRF2FOOT"  # near the end of every file that was closed in order

@@ -4,7 +4,7 @@ from math import pi, sqrt
 
 from casadi import cos, fabs, sin, tanh
 
-from socp.problem import Problem, Reference, Scene, controls, final_time, states
+from socp import Problem, Reference, Scene, controls, final_time, states
 
 x, y, phi, u = states("x y phi u")  # position, heading, speed
 r, f = controls("r f")  # turn rate, thrust

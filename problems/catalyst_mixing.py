@@ -1,6 +1,6 @@
 """Mix two catalysts along a reactor so that the product, 1 - x1 - x2, is largest at its end."""
 
-from socp.problem import Problem, Reference, controls, states
+from socp import Problem, Reference, controls, states
 
 x1, x2 = states("x1 x2")  # mole fractions of the feed and the intermediate
 u = controls("u")  # share of the first catalyst

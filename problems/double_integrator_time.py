@@ -2,7 +2,7 @@
 
 from math import sqrt
 
-from socp.problem import Problem, Reference, controls, final_time, states
+from socp import Problem, Reference, controls, final_time, states
 
 x, v = states("x v")  # position, speed
 u = controls("u")  # acceleration

@@ -1,6 +1,6 @@
 """Move a double integrator over a distance of 10, rest to rest, under a speed limit, in minimum time."""
 
-from socp.problem import Problem, Reference, controls, final_time, states
+from socp import Problem, Reference, controls, final_time, states
 
 x, v = states("x v")  # position, speed
 u = controls("u")  # acceleration

@@ -4,7 +4,7 @@ from math import pi
 
 from casadi import cos, sin
 
-from socp.problem import Problem, Reference, controls, final_time, states
+from socp import Problem, Reference, controls, final_time, states
 
 x, y, th = states("x y th")  # position, heading
 u = controls("u")  # curvature

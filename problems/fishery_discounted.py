@@ -2,7 +2,7 @@
 
 from casadi import exp
 
-from socp.problem import Problem, Reference, controls, states, time
+from socp import Problem, Reference, controls, states, time
 
 x = states("x")  # stock
 E = controls("E")  # fishing effort

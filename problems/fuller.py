@@ -1,6 +1,6 @@
 """Fuller's problem: the bang arcs shorten geometrically and pile up where the singular arc begins."""
 
-from socp.problem import Problem, Reference, controls, states
+from socp import Problem, Reference, controls, states
 
 x1, x2 = states("x1 x2")  # position, speed
 u = controls("u")  # acceleration

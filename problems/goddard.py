@@ -2,7 +2,7 @@
 
 from casadi import exp
 
-from socp.problem import Problem, Reference, controls, states
+from socp import Problem, Reference, controls, states
 
 h, v, m = states("h v m")  # height from the centre of the Earth, speed, mass
 u = controls("u")  # thrust

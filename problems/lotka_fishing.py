@@ -1,6 +1,6 @@
 """Fish a predator and its prey so that both settle at 1: the fishing effort without its integrality."""
 
-from socp.problem import Problem, Reference, controls, states
+from socp import Problem, Reference, controls, states
 
 x1, x2 = states("x1 x2")  # prey, predator
 w = controls("w")  # fishing effort

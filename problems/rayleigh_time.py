@@ -1,6 +1,6 @@
 """Bring a Rayleigh oscillator to rest in minimum time."""
 
-from socp.problem import Problem, Reference, controls, final_time, states
+from socp import Problem, Reference, controls, final_time, states
 
 x1, x2 = states("x1 x2")
 u = controls("u")

@@ -4,7 +4,7 @@ from math import pi
 
 from casadi import sin
 
-from socp.problem import Problem, Reference, controls, final_time, states
+from socp import Problem, Reference, controls, final_time, states
 
 rho, rhod, theta, thetad, phi, phid = states("rho rhod theta thetad phi phid")  # length and angles, each with its rate
 u_rho, u_theta, u_phi = controls("u_rho u_theta u_phi")
@@ -15,9 +15,12 @@ problem = Problem(
     name="robot_arm",
     minimise=final_time,
     dynamics={
-        rho: rhod, rhod: u_rho / 5,
-        theta: thetad, thetad: u_theta / (inertia * sin(phi) ** 2),
-        phi: phid, phid: u_phi / inertia,
+        rho: rhod,
+        rhod: u_rho / 5,
+        theta: thetad,
+        thetad: u_theta / (inertia * sin(phi) ** 2),
+        phi: phid,
+        phid: u_phi / inertia,
     },
     bounds={u_rho: (-1, 1), u_theta: (-1, 1), u_phi: (-1, 1)},
     start={rho: 4.5, rhod: 0, theta: 0, thetad: 0, phi: pi / 4, phid: 0},

@@ -1,6 +1,6 @@
 """Regulate a van der Pol oscillator: two bang arcs, then a singular arc to the end."""
 
-from socp.problem import Problem, Reference, controls, states
+from socp import Problem, Reference, controls, states
 
 x1, x2 = states("x1 x2")
 u = controls("u")

@@ -1,255 +1,35 @@
-"""The abstract problem: symbols and the frozen `Problem`, checked when it is built."""
+"""The problem language under the address that files of version 0.1 import it from; new files import from `socp`."""
 
-import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
-from types import MappingProxyType
-from typing import Any, Self, final
-
-import casadi
-import numpy as np
-
-from socp import advice, checks, keys, notebook, portable
-from socp.errors import ProblemError
-from socp.parts import Condition, Constraint, Reference
-from socp.ranges import interval, rows
-from socp.scene import Scene
-from socp.symbols import (
-    Expr,
-    column,
-    controls,
-    declared,
-    final_time,
-    free,
-    initial,
-    initial_time,
-    parameters,
-    relation,
-    states,
-    time,
-)  # fmt: skip
-
-__all__ = [
-    "Condition", "Constraint", "Expr", "Problem", "Reference", "Scene", "controls", "final_time", "free", "initial",
-    "initial_time", "parameters", "states", "time",
-]  # fmt: skip
-
-
-@final
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Problem:
-    """A singular optimal control problem, affine in bounded controls.
-
-    minimise  Mayer(x(t0), x(tf), t0, tf, p) + integral of running(x, u, t, p)
-    subject to  x' = dynamics(x, u, t, p),  bounds on controls and states,  path c(x, t, p) <= 0,
-    start, end and target conditions.
-
-    A number in `start`, `end`, `initial_time` or `final_time` fixes the value, a pair is an interval, and what is left
-    out is free. In `minimise` and `target` a state stands for its value at the final time, `initial(x)` for that at the
-    initial time. `singular` and `boundary` give feedback laws by control (`boundary` by state constraint too, where
-    several act on one control: `{f: {"u.upper": 4}}`). `guess` gives a number, a (start, end) pair or an expression of
-    `time` by symbol; of a parameter, `initial_time` or `final_time` it gives a number.
-
-    Raises ProblemError, with the offending name, for anything that is not such a problem. The tables are copied: what
-    happens to the given ones later changes nothing.
-    """
-
-    name: str
-    dynamics: Mapping[Expr, Expr]
-    bounds: Mapping[Expr, tuple[float | None, float | None]]
-    minimise: Expr = None
-    running: Expr = None
-    start: Mapping[Expr, float | tuple[float | None, float | None]] = field(default_factory=dict)
-    end: Mapping[Expr, float | tuple[float | None, float | None]] = field(default_factory=dict)
-    target: Mapping[str, Expr] = field(default_factory=dict)
-    path: Mapping[str, Expr] = field(default_factory=dict)
-    singular: Mapping[Expr, Expr] = field(default_factory=dict)
-    boundary: Mapping[Expr, Any] = field(default_factory=dict)
-    initial_time: float | tuple[float | None, float | None] = 0.0
-    final_time: float | tuple[float | None, float | None] = free
-    guess: Mapping[Expr, Any] = field(default_factory=dict)
-    units: Mapping[Expr, str] = field(default_factory=dict)
-    title: str = ""
-    source: str = ""
-    reference: Reference | None = None
-    scene: Scene | None = None
-
-    def __new__(cls, *_: Any, **given: Any) -> Self:
-        """Refuse a keyword that there is none of, with what to write instead."""
-        for name in given:
-            if name not in cls.__dataclass_fields__:
-                there = advice.keyword(name, cls.__dataclass_fields__)
-                raise ProblemError(f"Problem({name}=...): a problem has no '{name}'{there}")
-        return super().__new__(cls)
-
-    def __post_init__(self) -> None:
-        checks.validate(self)
-        for table in keys.TABLES:
-            object.__setattr__(self, table, MappingProxyType(dict(getattr(self, table))))
-
-    def __repr__(self) -> str:
-        return f"Problem({self.name!r}: states {', '.join(self.state_names)}; controls {', '.join(self.control_names)})"
-
-    def _repr_html_(self) -> str:
-        return notebook.problem_html(self)
-
-    # -- as data
-
-    @cached_property
-    def statement(self) -> Mapping[str, Any]:
-        """The problem as data, as result files carry it; ProblemError names an operation that has no spelling."""
-        return portable.written(self)
-
-    @property
-    def fingerprint(self) -> str:
-        """A hash of all that defines the problem: not of its name, title, source, reference, units, scene and guess."""
-        return str(self.statement["fingerprint"])
-
-    @classmethod
-    def from_statement(cls, statement: Mapping[str, Any]) -> "Problem":
-        """Return the problem that a statement describes, in symbols of its own; ProblemError says why it is none."""
-        return _restored(json.dumps(statement))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (json.dumps(self.statement),)
-
-    # -- symbols
-
-    @cached_property
-    def x(self) -> Expr:
-        """States as a column (nx, 1), in the order of `dynamics`."""
-        return column(self.dynamics)
-
-    @cached_property
-    def u(self) -> Expr:
-        """Controls as a column (nu, 1), in the order of their declaration."""
-        return column(symbol for symbol in declared("control") if symbol in self.bounds)
-
-    @cached_property
-    def p(self) -> Expr:
-        """Parameters as a column (np, 1), in the order of their declaration."""
-        used = set(casadi.symvar(casadi.vertcat(*checks.expressions(self))))
-        return column(symbol for symbol in declared("parameter") if symbol in used)
-
-    @cached_property
-    def costate(self) -> Expr:
-        """Costates lambda as a column of symbols (nx, 1)."""
-        return column(casadi.SX.sym(f"lambda_{name}") for name in self.state_names)
-
-    @cached_property
-    def x0(self) -> Expr:
-        """Symbols of the initial states (nx, 1), as `initial` makes them."""
-        return column(initial(state) for state in self.dynamics)
-
-    @cached_property
-    def state_names(self) -> tuple[str, ...]:
-        """Names of the states."""
-        return tuple(symbol.name() for symbol in self.dynamics)
-
-    @cached_property
-    def control_names(self) -> tuple[str, ...]:
-        """Names of the controls."""
-        return tuple(symbol.name() for symbol in casadi.vertsplit(self.u)) if self.u.numel() else ()
-
-    @cached_property
-    def parameter_names(self) -> tuple[str, ...]:
-        """Names of the parameters."""
-        return tuple(symbol.name() for symbol in casadi.vertsplit(self.p)) if self.p.numel() else ()
-
-    # -- the control-affine form
-
-    @cached_property
-    def rate(self) -> Expr:
-        """Right-hand side x' (nx, 1)."""
-        return column(self.dynamics.values())
-
-    @cached_property
-    def fields(self) -> Expr:
-        """Control fields G(x, t, p) (nx, nu) of x' = f0 + G u."""
-        return casadi.substitute(casadi.jacobian(self.rate, self.u), self.u, 0)
-
-    @cached_property
-    def drift(self) -> Expr:
-        """Drift f0(x, t, p) (nx, 1) of x' = f0 + G u."""
-        return casadi.substitute(self.rate, self.u, 0)
-
-    @cached_property
-    def lagrangian(self) -> Expr:
-        """Running cost as an expression (1, 1), zero where there is none."""
-        return casadi.SX(0 if self.running is None else self.running)
-
-    @cached_property
-    def mayer(self) -> Expr:
-        """Mayer term as an expression (1, 1), zero where there is none."""
-        return casadi.SX(0 if self.minimise is None else self.minimise)
-
-    @cached_property
-    def hamiltonian(self) -> Expr:
-        """H = running + costate . x', to be minimised over the controls; H = -1 for minimum time."""
-        return self.lagrangian + casadi.dot(self.costate, self.rate)
-
-    @cached_property
-    def switching(self) -> Expr:
-        """Switching functions sigma = dH/du (nu, 1): the control is at its lower bound where sigma > 0."""
-        return casadi.substitute(casadi.jacobian(self.hamiltonian, self.u).T, self.u, 0)
-
-    # -- bounds and conditions
-
-    @cached_property
-    def box(self) -> np.ndarray:
-        """Bounds of the controls (2, nu): lower row, upper row."""
-        return rows(self.u, self.bounds)
-
-    @cached_property
-    def state_box(self) -> np.ndarray:
-        """Bounds of the states (2, nx), infinite where there are none."""
-        return rows(self.x, self.bounds)
-
-    @cached_property
-    def parameter_box(self) -> np.ndarray:
-        """Bounds of the parameters (2, np), infinite where there are none."""
-        return rows(self.p, self.bounds)
-
-    @cached_property
-    def start_box(self) -> np.ndarray:
-        """Interval of every initial state (2, nx)."""
-        return rows(self.x, self.start)
-
-    @cached_property
-    def end_box(self) -> np.ndarray:
-        """Interval of every final state (2, nx)."""
-        return rows(self.x, self.end)
-
-    @cached_property
-    def initial_time_box(self) -> tuple[float, float]:
-        """Interval of the initial time."""
-        return interval(self.initial_time)
-
-    @cached_property
-    def final_time_box(self) -> tuple[float, float]:
-        """Interval of the final time."""
-        return interval(self.final_time)
-
-    @cached_property
-    def constraints(self) -> tuple[Constraint, ...]:
-        """All state constraints: finite bounds of states first, then the path constraints."""
-        found = []
-        for k, name in enumerate(self.state_names):
-            low, high = self.state_box[:, k]
-            if np.isfinite(low):
-                found.append(Constraint(f"{name}.lower", low - self.x[k]))
-            if np.isfinite(high):
-                found.append(Constraint(f"{name}.upper", self.x[k] - high))
-        named = [Constraint(name, relation(c, f"path '{name}'")[0]) for name, c in self.path.items()]
-        return tuple(found + named)
-
-    @cached_property
-    def conditions(self) -> tuple[Condition, ...]:
-        """The named end conditions of `target`."""
-        return tuple(Condition(name, *relation(c, f"target '{name}'")) for name, c in self.target.items())
-
-
-@lru_cache(maxsize=64)  # symbols are never forgotten: the same statement read again gives the same problem
-def _restored(text: str) -> Problem:
-    return Problem(**portable.arguments(json.loads(text)))
+from socp import (
+    Problem as Problem,
+)
+from socp import (
+    Reference as Reference,
+)
+from socp import (
+    Scene as Scene,
+)
+from socp import (
+    controls as controls,
+)
+from socp import (
+    final_time as final_time,
+)
+from socp import (
+    free as free,
+)
+from socp import (
+    initial as initial,
+)
+from socp import (
+    initial_time as initial_time,
+)
+from socp import (
+    parameters as parameters,
+)
+from socp import (
+    states as states,
+)
+from socp import (
+    time as time,
+)

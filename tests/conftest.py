@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from socp.registry import Registry
+from socp.registry.plugins import Registry
 
 settings.register_profile("socp", deadline=None)  # how long an example takes depends on what else is running
 settings.load_profile("socp")

@@ -9,7 +9,7 @@ from socp_problems.dubins_csc import problem as dubins
 from socp_problems.fishery_discounted import problem as fishery
 
 from socp import Problem, Solution, controls, default_guess, final_time, run, states
-from socp.registry import Registry
+from socp.registry.plugins import Registry
 
 ROUNDING = 1e-10  # residuals come from the digits of the nonlinear programme, 1e-11, and a little arithmetic
 

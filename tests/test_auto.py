@@ -9,11 +9,11 @@ import pytest
 from casadi import cos, sin
 
 from socp import Ipopt, Problem, Solution, controls, default_guess, run, states
-from socp.nlp import Progress
-from socp.registry import Registry
-from socp.solution import Stop
-from socp.symbols import final_time, initial_time, time
-from socp.word import Word
+from socp.model.progress import Progress
+from socp.model.solution import Stop
+from socp.model.symbols import final_time, initial_time, time
+from socp.model.word import Word
+from socp.registry.plugins import Registry
 
 NAMES = [
     "auv", "catalyst_mixing", "double_integrator_time", "double_integrator_vlimit", "dubins_csc", "fishery_discounted",

@@ -9,11 +9,11 @@ from socp_plugins.lgr_multiphase import LgrMultiphase
 from socp_plugins.trapezoidal import Trapezoidal
 from socp_problems.auv import problem
 
-from socp.guess import default_guess
-from socp.method import Method
-from socp.simulate import verify
-from socp.solution import Solution, Stop
-from socp.structure import structure_of
+from socp.methods.contract import Method
+from socp.methods.guess import default_guess
+from socp.model.solution import Solution, Stop
+from socp.verdict.reintegration import verify
+from socp.verdict.structure import structure_of
 
 WORD = "r: + s s s +; f: + + b - -"
 ROUGH = "0.05 0.6 14 0.1 0.2"

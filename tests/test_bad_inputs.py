@@ -18,15 +18,15 @@ import pytest
 from casadi import DM, MX, SX, fabs, floor, fmax, fmin, if_else, sin, sqrt
 
 from socp import Problem, Reference, controls, final_time, initial, parameters, states, time
-from socp.backends import Ipopt
-from socp.chain import run
 from socp.cli import main
 from socp.errors import MethodError, ProblemError
-from socp.formula import formula
-from socp.guess import default_guess
-from socp.method import check_options
-from socp.registry import Registry
-from socp.word import Word
+from socp.methods.chain import run
+from socp.methods.contract import check_options
+from socp.methods.guess import default_guess
+from socp.model.word import Word
+from socp.registry.plugins import Registry
+from socp.solvers.ipopt import Ipopt
+from socp.view.statement import formula
 
 x, y, other = states("x y other")
 v, w = controls("v w")

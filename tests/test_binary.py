@@ -8,22 +8,22 @@ from hypothesis import strategies as st
 from socp_problems.auv import problem as auv
 from socp_problems.robot_arm import problem as arm
 
-from socp import laws
-from socp.backends import Ipopt
-from socp.binary import binary_modes
-from socp.collocate import collocate, uniform
-from socp.enclosure import enclosed
 from socp.errors import MethodError
-from socp.guess import default_guess, split
-from socp.modes import arc_modes
-from socp.nlp import NLP
-from socp.phases import follow
-from socp.problem import Problem, controls, final_time, states
-from socp.reach import reachable
-from socp.schemes import lgr
-from socp.solution import Solution
-from socp.tables import table
-from socp.word import Word
+from socp.laws import law as laws
+from socp.laws.modes import arc_modes
+from socp.methods.guess import default_guess, split
+from socp.model.problem import Problem
+from socp.model.solution import Solution
+from socp.model.symbols import controls, final_time, states
+from socp.model.word import Word
+from socp.search.integer.bounds import enclosed, reachable
+from socp.search.integer.reduction import binary_modes
+from socp.solvers.contract import NLP
+from socp.solvers.ipopt import Ipopt
+from socp.transcription.collocation import collocate
+from socp.transcription.mesh import table, uniform
+from socp.transcription.phases import follow
+from socp.transcription.schemes import lgr
 
 WORD = "r: + s s s +; f: + + b[u.upper] - -"
 LENGTHS = [0.05, 0.6, 14.0, 0.1, 0.2]

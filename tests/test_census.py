@@ -15,17 +15,18 @@ import numpy as np
 import pytest
 
 from socp import Problem, Solution, controls, states
-from socp.census import Tally, explore, recipe, survey
 from socp.cli import main
-from socp.extremals import Census, Outcome, clusters
-from socp.kept import Kept, fingerprint
-from socp.nlp import Progress
-from socp.pool import worked
-from socp.registry import Registry
-from socp.solution import Arc, Stop
-from socp.spread import motion, start
-from socp.symbols import final_time
-from socp.verdict import Finding, Verdict
+from socp.model.arc import Arc
+from socp.model.findings import Finding, Verdict
+from socp.model.progress import Progress
+from socp.model.solution import Stop
+from socp.model.symbols import final_time
+from socp.registry.plugins import Registry
+from socp.study.census import Tally, explore, recipe, survey
+from socp.study.clusters import Census, Outcome, clusters
+from socp.study.starts import motion, start
+from socp.study.store import Kept, fingerprint
+from socp.study.workers import worked
 
 CART = """\
 from socp.problem import Problem, controls, final_time, states
@@ -239,7 +240,7 @@ def test_a_worker_that_dies_costs_its_job_alone(tmp_path: Path, always: bool, lo
 
 def test_dead_workers_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     outcome = Outcome(0, "", made(1.0))
-    monkeypatch.setattr("socp.census.worked", lambda *_: iter([(0, outcome), (1, None)]))
+    monkeypatch.setattr("socp.study.workers.worked", lambda *_: iter([(0, outcome), (1, None)]))
     found = survey(cart(), 2, workers=(2, Cart()))
     assert (found.died, [each.number for each in found.outcomes]) == ((1,), [0])
 
@@ -278,7 +279,7 @@ def test_census_prints_a_table_and_writes_the_best(socp: Callable[..., tuple]) -
 
 def test_census_without_an_extremal_is_exit_1(socp: Callable[..., tuple], monkeypatch: pytest.MonkeyPatch) -> None:
     doubtful = replace(made(1.0, residual=1e-2), problem="cart")
-    monkeypatch.setattr("socp.census.explore", lambda _problem, number, _watch: Outcome(number, "", doubtful))
+    monkeypatch.setattr("socp.study.census.explore", lambda _problem, number, _watch: Outcome(number, "", doubtful))
     code, out, _ = socp("census", "cart.py", "--starts", "1", "--quiet")
     assert code == 1
     assert "Not certified" in out

@@ -26,22 +26,22 @@ from socp import (
     time,
     uniform,
 )
-from socp.adjoint import POINTS
 from socp.cli import main
 from socp.cli.show import facts
-from socp.collocate import Mesh
-from socp.conclusion import bettered, concluded, explained, foremost, pursued
-from socp.conditions import Rows
-from socp.fitting import multipliers
-from socp.limits import limit, told
-from socp.mending import mends
-from socp.neighbours import spelled
-from socp.pmp import case
-from socp.registry import Registry
-from socp.schemes import euler, radau_iia
-from socp.search import Ration, Search, clearly, off, precedes
-from socp.solution import Stop
-from socp.verdict import EXTREMAL, FEASIBLE, SHORTEST, Finding, Verdict
+from socp.model.findings import EXTREMAL, FEASIBLE, SHORTEST, Finding, Verdict
+from socp.model.solution import Stop
+from socp.registry.plugins import Registry
+from socp.search.conclusion import bettered, concluded, explained, foremost, pursued
+from socp.search.effort import Ration, Search, clearly, off, precedes
+from socp.search.mending import mends
+from socp.search.neighbours import spelled
+from socp.study.frontier import limit, told
+from socp.transcription.mesh import Mesh
+from socp.transcription.schemes import euler, radau_iia
+from socp.verdict.certify import case
+from socp.verdict.conditions import Rows
+from socp.verdict.multipliers import multipliers
+from socp.verdict.nodes import POINTS
 
 x, y = states("x y")
 u, w = controls("u w")

@@ -15,17 +15,17 @@ from conftest import PLUGIN, Install
 
 from socp import Solution, controls, states
 from socp.cli import main
-from socp.cli.comparing import Row, best_of
+from socp.cli.commands.comparing import Row, best_of
 from socp.cli.options import build, shared
 from socp.errors import MethodError
-from socp.formula import formula, number
-from socp.guess import default_guess
-from socp.registry import Registry
-from socp.symbols import time
+from socp.methods.guess import default_guess
+from socp.model.symbols import time
+from socp.registry.plugins import Registry
+from socp.view.statement import formula, number
 
 AUV = str(Path(__file__).parents[1] / "problems" / "auv.py")
 HEAVY = ("casadi", "pyomo", "cvxpy", "rerun", "matplotlib")
-PROBLEM = """from socp.problem import Problem, controls, final_time, states
+PROBLEM = """from socp.model.problem import Problem, controls, final_time, states
 
 x, v = states("x v")
 u = controls("u")
@@ -272,7 +272,7 @@ def test_a_bug_is_one_line_and_a_hint(socp: Command, monkeypatch: pytest.MonkeyP
     def broken(*_: Any) -> None:
         raise RuntimeError("impossible\nthing")
 
-    monkeypatch.setattr("socp.cli.solving.load_problem", broken)
+    monkeypatch.setattr("socp.registry.loading.load_problem", broken)
     said = socp("solve", "cart.py")
     hint = "this is a bug; see where with: socp --debug solve cart.py\n"
     assert said == (4, "", f"error: internal error: RuntimeError: impossible thing\n{hint}")
@@ -402,8 +402,9 @@ def test_a_narrow_terminal_gets_the_table_turned(socp: Command, monkeypatch: pyt
 def test_the_best_is_the_lowest_of_the_feasible_or_else_the_most_feasible() -> None:
     from dataclasses import replace
 
-    from socp.solution import Feasibility, Stop
-    from socp.standard import regulator
+    from socp.model.findings import Feasibility
+    from socp.model.solution import Stop
+    from socp.registry.standard import regulator
 
     guess = replace(default_guess(regulator().problem), stop=Stop.SOLVED)
 
@@ -465,7 +466,7 @@ def test_ctrl_c_ends_the_solver_and_writes_its_last_iterate(tmp_path: Path) -> N
     assert Solution.load(tmp_path / "auv.socp.json").iterations < 20
 
 
-@pytest.mark.parametrize("moment", ["socp.cli.app.socp.main", "socp.chain.run"])
+@pytest.mark.parametrize("moment", ["socp.cli.app.socp.main", "socp.methods.chain.run"])
 def test_ctrl_c_elsewhere_is_130_without_a_traceback(
     socp: Command, monkeypatch: pytest.MonkeyPatch, moment: str
 ) -> None:
@@ -483,7 +484,7 @@ def test_ctrl_c_that_breaks_an_import_off_is_no_bug(socp: Command, monkeypatch: 
             signal.raise_signal(signal.SIGINT)
         raise NameError("name '_api' is not defined")
 
-    monkeypatch.setattr("socp.chain.run", half_imported)
+    monkeypatch.setattr("socp.methods.chain.run", half_imported)
     said = socp("solve", "double_integrator_time")
     assert said.code == 130
     assert said.err.splitlines()[-1] == "interrupted; nothing was written"
@@ -493,7 +494,7 @@ def test_ctrl_c_while_judging_keeps_what_was_solved(socp: Command, monkeypatch: 
     def interrupted(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("socp.chain.judge", interrupted)
+    monkeypatch.setattr("socp.verdict.certify.judge", interrupted)
     said = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10")
     assert said.code == 130
     assert said.err == "interrupted before it was verified: the result is in cart.socp.json\n"

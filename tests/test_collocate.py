@@ -10,15 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from socp_problems.auv import problem as auv
 
-from socp.collocate import Mesh, Table, collocate, table, uniform
 from socp.errors import MethodError
-from socp.guess import default_guess, guess_of
-from socp.nlp import NLP, NLPPoint, Reduced
-from socp.phases import PhasedProblem, follow, single_phase
-from socp.problem import Problem, controls, final_time, initial, initial_time, parameters, states, time
-from socp.schemes import Scheme, euler, hermite_simpson, lgr, radau_iia, trapezoid
-from socp.solution import Solution
-from socp.word import Word
+from socp.methods.guess import default_guess, guess_of
+from socp.model.problem import Problem
+from socp.model.solution import Solution
+from socp.model.symbols import controls, final_time, initial, initial_time, parameters, states, time
+from socp.model.word import Word
+from socp.solvers.contract import NLP, NLPPoint, Reduced
+from socp.transcription.collocation import collocate
+from socp.transcription.mesh import Mesh, Table, table, uniform
+from socp.transcription.phases import PhasedProblem, follow, single_phase
+from socp.transcription.schemes import Scheme, euler, hermite_simpson, lgr, radau_iia, trapezoid
 
 x, y = states("x y")
 v, w = controls("v w")

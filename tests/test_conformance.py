@@ -9,11 +9,11 @@ import pytest
 from scipy.integrate import quad
 
 from socp import Method, Problem, Solution, Watch, controls, final_time, silent, states
-from socp.registry import Registry
-from socp.schemes import euler
-from socp.solution import Stop
-from socp.standard import STANDARD, Standard, regulator, turning_back
-from socp.testing import assert_conforms, check_problem, conforms
+from socp.model.solution import Stop
+from socp.registry.conformance import assert_conforms, check_problem, conforms
+from socp.registry.plugins import Registry
+from socp.registry.standard import STANDARD, Standard, regulator, turning_back
+from socp.transcription.schemes import euler
 
 OWN = {  # method -> options that keep the suite quick
     "euler-ipopt": {"steps": 200}, "trapezoidal": {"steps": 100}, "hermite-simpson": {"steps": 60},

@@ -18,11 +18,11 @@ from socp import run
 from socp.cli import main
 from socp.cli.session import Session
 from socp.errors import SolveError
-from socp.files import LARGEST, read_text
-from socp.guess import default_guess
-from socp.problem import Problem
-from socp.registry import Registry
-from socp.standard import parameter
+from socp.methods.guess import default_guess
+from socp.model.problem import Problem
+from socp.process.files import LARGEST, read_text
+from socp.registry.plugins import Registry
+from socp.registry.standard import parameter
 
 Document = dict[str, Any]
 Path_ = tuple[Any, ...]
@@ -119,7 +119,7 @@ OPTIONAL = ("statement", "unstated")
 
 def fields(record: Path_) -> tuple[str, ...]:
     """Return the fields of a record of a result, from the layout itself."""
-    from socp import schema, stated
+    from socp.model.data import schema, stated
 
     last = next((key for key in reversed(record) if isinstance(key, str)), "")
     kinds: dict[str, Any] = {
@@ -500,7 +500,7 @@ def test_what_is_no_file_is_refused_at_once(
 def test_a_file_that_grows_while_it_is_read_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "growing"
     path.write_text("0123456789")
-    monkeypatch.setattr("socp.files._check", lambda *_: None)
+    monkeypatch.setattr("socp.process.files._check", lambda *_: None)
     with pytest.raises(SolveError, match="is longer than 9 bytes"):
         read_text(path, largest=9)
     assert read_text(path, largest=10) == "0123456789"
@@ -508,7 +508,7 @@ def test_a_file_that_grows_while_it_is_read_is_refused(tmp_path: Path, monkeypat
 
 def test_a_statement_that_is_no_problem_is_refused(genuine: dict[str, str], check: Any) -> None:
     """Its fingerprint is right and its layout is kept; that bounds are the wrong way round only the language knows."""
-    from socp import stated
+    from socp.model.data import stated
 
     document = json.loads(genuine["jacobson_1"])
     document["statement"]["bounds"]["u"] = [1.0, -1.0]
@@ -520,7 +520,7 @@ def test_a_statement_that_is_no_problem_is_refused(genuine: dict[str, str], chec
 
 def test_expressions_nested_deeper_than_the_algebra_goes_are_not_certified(genuine: dict[str, str], check: Any) -> None:
     """Laws of them cannot be derived, as that recurs; what says so is a verdict, not an internal error."""
-    from socp import stated
+    from socp.model.data import stated
 
     document = json.loads(genuine["jacobson_1"])
     statement = document["statement"]
@@ -538,7 +538,7 @@ def test_expressions_nested_deeper_than_the_algebra_goes_are_not_certified(genui
 
 def test_a_forged_problem_is_judged_as_what_it_is(genuine: dict[str, str], check: Any) -> None:
     """A statement of another problem is a problem of its own: its result stands or falls by it, and that is said."""
-    from socp import stated
+    from socp.model.data import stated
 
     document = json.loads(genuine["double_integrator_vlimit"])
     document["statement"]["bounds"]["u"] = [-2.0, 2.0]

@@ -5,9 +5,9 @@ import pytest
 from scipy.integrate import solve_bvp
 
 from socp import Problem, controls, default_guess, run, states
-from socp.laws import arc_law
-from socp.registry import Registry
-from socp.word import Word
+from socp.laws.law import arc_law
+from socp.model.word import Word
+from socp.registry.plugins import Registry
 
 
 @pytest.fixture(scope="module")

@@ -8,20 +8,22 @@ import casadi
 import numpy as np
 import pytest
 
-from socp import Ipopt, Problem, Solution, Word, controls, default_guess, final_time, points, states
-from socp.chain import judge
-from socp.cli.checking import within
+from socp import Ipopt, Problem, Solution, Word, controls, default_guess, final_time, states
+from socp.cli.commands.checking import within
 from socp.cli.show import agreed
-from socp.following import Follower
-from socp.guess import split
-from socp.kinks import kinks
-from socp.lifting import mapped
-from socp.registry import Registry
-from socp.simulate import scales
-from socp.solution import Agreement, Stop
-from socp.standard import STANDARD, turning_back
-from socp.symbols import time
-from socp.trust import trusted
+from socp.laws import probes as points
+from socp.methods.guess import split
+from socp.methods.solving import Follower
+from socp.model.evaluation import scales
+from socp.model.findings import Agreement
+from socp.model.solution import Stop
+from socp.model.symbols import time
+from socp.registry.plugins import Registry
+from socp.registry.standard import STANDARD, turning_back
+from socp.search.digits import trusted
+from socp.transcription.kinks import kinks
+from socp.transcription.lifting import mapped
+from socp.verdict.certify import judge
 
 REGISTRY = Registry.load()
 BACKEND = Ipopt({"tol": 1e-11})
@@ -186,7 +188,7 @@ def test_the_judge_claims_no_more_than_is_true_where_no_newton_step_tells(
     name: str, change: Callable[..., Problem], exact: Callable[[str], Solution], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     of, base = KNOWN[name], exact(name)
-    monkeypatch.setattr("socp.accuracy.accuracy", lambda *_: None)
+    monkeypatch.setattr("socp.verdict.accuracy.accuracy", lambda *_: None)
     moved = change(of.problem, 9e-8, base)
     solution = judge(of.problem, along(of, moved, guess=base))
     assert solution.extremal
@@ -267,7 +269,7 @@ def test_a_flat_switching_function_leaves_its_time_uncertain(
 ) -> None:
     of = replace(shaped((time - 1) ** order), objective=objective)
     if not newton:
-        monkeypatch.setattr("socp.accuracy.accuracy", lambda *_: None)
+        monkeypatch.setattr("socp.verdict.accuracy.accuracy", lambda *_: None)
     solution = judge(of.problem, along(of, of.problem))
     assert solution.extremal
     claims_hold(of, solution)

@@ -22,19 +22,19 @@ import click
 import pytest
 from test_rooms import ORDER
 
-from socp.arc import Arc
-from socp.chain import run
 from socp.cli import main
 from socp.cli.app import socp
-from socp.cli.describing import option_rows
+from socp.cli.commands.describing import option_rows
 from socp.cli.session import Exit
-from socp.guess import default_guess
-from socp.method import Method, options
-from socp.problem import Problem
-from socp.registry import Registry
-from socp.solution import Feasibility, Solution, Stop
-from socp.symbols import final_time
-from socp.verdict import Verdict
+from socp.methods.chain import run
+from socp.methods.contract import Method, options
+from socp.methods.guess import default_guess
+from socp.model.arc import Arc
+from socp.model.findings import Feasibility, Verdict
+from socp.model.problem import Problem
+from socp.model.solution import Solution, Stop
+from socp.model.symbols import final_time
+from socp.registry.plugins import Registry
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]

@@ -17,14 +17,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.io import loadmat
 
-from socp import Problem, Solution, default_guess, extras, run, tabular, time
-from socp.arc import Arc
+from socp import Problem, Solution, default_guess, errors, run, time
 from socp.cli import main
-from socp.cli.exporting import FORMATS
+from socp.cli.commands.exporting import FORMATS
 from socp.errors import MethodError
-from socp.registry import Registry
-from socp.solution import Stop
-from socp.traces import sampled, traces
+from socp.model.arc import Arc
+from socp.model.solution import Stop
+from socp.registry.plugins import Registry
+from socp.view import exports as tabular
+from socp.view.traces import sampled, traces
 
 
 @pytest.fixture(scope="module")
@@ -246,7 +247,7 @@ def test_a_missing_package_is_one_line(
             raise ModuleNotFoundError(f"No module named '{package}'", name=package)
         return import_module(module)
 
-    monkeypatch.setattr(extras, "import_module", absent)
+    monkeypatch.setattr(errors, "import_module", absent)
     assert main(["export", "bang.socp.json", "--format", name]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
@@ -257,4 +258,4 @@ def test_a_missing_package_is_one_line(
 
 def test_what_a_package_lacks_itself_is_named() -> None:
     with pytest.raises(MethodError, match=r"needs the package no_such, .*pip install 'socp\[plot\]'"):
-        extras.load("no_such.part", "plot", "a figure")
+        errors.load("no_such.part", "plot", "a figure")

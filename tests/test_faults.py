@@ -22,23 +22,25 @@ import numpy as np
 import pytest
 from conftest import PLUGIN, Install
 
-from socp import Method, Problem, Solution, controls, default_guess, interruption, run, single_phase, states
-from socp.backends.bonmin import Bonmin
-from socp.chain import judge
+from socp import Method, Problem, Solution, controls, default_guess, run, single_phase, states
 from socp.cli import main
 from socp.cli.keeping import keep
-from socp.cli.loading import load_file
 from socp.cli.locking import alone
-from socp.collocate import collocate, uniform
 from socp.errors import ContractError
-from socp.extremals import Outcome
-from socp.kept import Kept
-from socp.pool import worked
-from socp.recording.guard import sealed
-from socp.registry import Registry
-from socp.schemes import euler
-from socp.solution import Stop
-from socp.symbols import final_time
+from socp.model.solution import Stop
+from socp.model.symbols import final_time
+from socp.process import interruption
+from socp.registry.loading import load_file
+from socp.registry.plugins import Registry
+from socp.registry.recorder import sealed
+from socp.solvers.bonmin import Bonmin
+from socp.study.clusters import Outcome
+from socp.study.store import Kept
+from socp.study.workers import worked
+from socp.transcription.collocation import collocate
+from socp.transcription.mesh import uniform
+from socp.transcription.schemes import euler
+from socp.verdict.certify import judge
 
 CART = """\
 from socp.problem import Problem, controls, final_time, states
@@ -122,14 +124,14 @@ def pressed(patch: pytest.MonkeyPatch, target: str, number: int, times: int, cal
     patch.setattr(place, name, wrapped)
 
 
-ITERATING = "socp.backends.ipopt:_Observer.eval_buffer"
+ITERATING = "socp.solvers.ipopt:_Observer.eval_buffer"
 SOLVING = {
-    "while the guess is made": ("socp.guess:default_guess", 1, None),
+    "while the guess is made": ("socp.methods.guess:default_guess", 1, None),
     "at the first iteration": (ITERATING, 1, "INTERRUPTED"),
     "at a later iteration": (ITERATING, 3, "INTERRUPTED"),
-    "while it is judged": ("socp.chain:judge", 1, "unverified"),
-    "while the result is written": ("socp.solution:Solution.save", 1, "SOLVED"),
-    "while it is reported": ("socp.cli.solving:_show", 1, "SOLVED"),
+    "while it is judged": ("socp.methods.chain:judge", 1, "unverified"),
+    "while the result is written": ("socp.model.solution:Solution.save", 1, "SOLVED"),
+    "while it is reported": ("socp.cli.commands.solving:_show", 1, "SOLVED"),
 }
 
 
@@ -155,28 +157,28 @@ def test_a_solve_that_is_interrupted_keeps_what_it_has(
 
 OTHERS = {  # command: where signals arrive, at which call, what is said last, and whether there is a result
     "census, at its second start": (
-        ("census", "cart.py", "--starts", "3"), "socp.census:explore", 2, "1 of 3 starts are kept", True,
+        ("census", "cart.py", "--starts", "3"), "socp.study.census:explore", 2, "1 of 3 starts are kept", True,
     ),
     "census, while a start is kept": (
-        ("census", "cart.py", "--starts", "3"), "socp.kept:Kept.write", 1, "1 of 3 starts are kept", True,
+        ("census", "cart.py", "--starts", "3"), "socp.study.store:Kept.write", 1, "1 of 3 starts are kept", True,
     ),
     "census, at its first iteration": (
         ("census", "cart.py", "--starts", "3"), ITERATING, 1, "0 of 3 starts are kept", False,
     ),
     "census, while the best is written": (
-        ("census", "cart.py", "--starts", "1"), "socp.solution:Solution.save", 1, "", True,
+        ("census", "cart.py", "--starts", "1"), "socp.model.solution:Solution.save", 1, "", True,
     ),
     "frontier, before its words": (
         ("frontier", "cart.py", "--max-switches", "1"), ITERATING, 1, "nothing was written", False,
     ),
     "frontier, between its words": (
-        ("frontier", "cart.py", "--max-switches", "1"), "socp.frontier:_everything", 1, "solved before", False,
+        ("frontier", "cart.py", "--max-switches", "1"), "socp.study.frontier:_everything", 1, "solved before", False,
     ),
     "frontier, while the best is written": (
-        ("frontier", "cart.py", "--max-switches", "1"), "socp.solution:Solution.save", 1, "", True,
+        ("frontier", "cart.py", "--max-switches", "1"), "socp.model.solution:Solution.save", 1, "", True,
     ),
     "compare, at the second method": (
-        ("compare", "cart.py", "-m", "euler-ipopt", "-m", "lgr", "-o", "steps=10"), "socp.cli.comparing:solved", 2,
+        ("compare", "cart.py", "-m", "euler-ipopt", "-m", "lgr", "-o", "steps=10"), "socp.cli.commands.comparing:solved", 2,
         "the table is of 1 of 2 methods", False,
     ),
     "compare, inside the first method": (
@@ -227,7 +229,7 @@ def test_signals_that_are_ignored_stay_ignored(command: Command, monkeypatch: py
 
 
 def test_a_later_press_is_heard_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("socp.interruption._BURST", 0.05)
+    monkeypatch.setattr("socp.process.interruption._BURST", 0.05)
     raised = []
     with interruption.listening():
         for _ in range(3):
@@ -359,7 +361,7 @@ def test_a_folder_that_turns_up_where_the_result_goes_is_left_alone(
         Path("cart.socp.json").mkdir(exist_ok=True)
         return judged(problem, solution)
 
-    monkeypatch.setattr("socp.chain.judge", judging)
+    monkeypatch.setattr("socp.verdict.certify.judge", judging)
     said = command(*QUICK)
     assert said.code == 5
     assert Path("cart.socp.json").is_dir()
@@ -456,7 +458,7 @@ def test_memory_that_gives_out_is_no_bug(
     def give_out(*_: Any, **__: Any) -> None:
         raise error
 
-    monkeypatch.setattr("socp.method.collocate", give_out)
+    monkeypatch.setattr("socp.transcription.collocation.collocate", give_out)
     said = command(*words)
     assert said.code == 5
     assert said.err == "error: the memory gave out; give it more, or solve on a coarser grid\n"
@@ -618,7 +620,7 @@ def bad(install: Install) -> Callable[[str], str]:
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Wait half a second for plugins."""
-    monkeypatch.setattr("socp.calls.LIMIT", 0.5)
+    monkeypatch.setattr("socp.registry.calls.LIMIT", 0.5)
 
 
 @pytest.mark.usefixtures("impatient")
@@ -715,7 +717,7 @@ def broken(*bodies: str) -> str:
         "@final" + body.format(name=f"aa-bad{k}").replace("class Mine", f"class {names[k]}") + f"        {each}\n\n"
         for k, each in enumerate(bodies)
     ]
-    own = "from dataclasses import replace\nfrom socp.nlp import Progress\n"
+    own = "from dataclasses import replace\nfrom socp.solvers.contract import Progress\n"
     return own + head + "".join(made) + hook[hook.index("\n@hookimpl") :].replace("[Mine]", f"[{', '.join(names)}]")
 
 
@@ -753,9 +755,7 @@ def test_a_method_that_cannot_be_made_is_named(bad: Callable[[str], str], comman
     assert said.err.startswith(f"error: plugin '{name}' ({name} 1.0): method 'aa-bad': OSError: no licence")
 
 
-def test_a_bug_of_socp_s_own_method_costs_its_own_row_alone(
-    command: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_bug_of_socp_s_own_method_costs_its_own_row_alone(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     def bug(*_: Any, **__: Any) -> None:
         raise AttributeError("a bug")
 
@@ -814,9 +814,7 @@ def test_two_recordings_into_one_file_are_refused(command: Command) -> None:
     with alone(Path("cart.rrd")):
         said = command(*QUICK, "--record", "cart.rrd")
     assert said.code == 2
-    assert said.err == (
-        "error: cart.rrd: another command is recording into this file; name another one\n"
-    )
+    assert said.err == ("error: cart.rrd: another command is recording into this file; name another one\n")
     assert Path("cart.rrd").read_bytes() == b"one"
     assert not Path("cart.socp.json").exists()
 

@@ -15,12 +15,14 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
-from socp import Problem, Solution, default_guess, extras, figures, run, style, time
+from socp import Problem, Solution, default_guess, errors, run, time
 from socp.cli import main
 from socp.errors import MethodError
-from socp.layout import TimeAxis
-from socp.registry import Registry
-from socp.traces import sampled
+from socp.registry.plugins import Registry
+from socp.view.figures import draw as figures
+from socp.view.figures import style
+from socp.view.figures.arrangement import TimeAxis
+from socp.view.traces import sampled
 
 ROOT = Path(__file__).parents[1]
 Solved = Callable[[str], tuple[Problem, Solution]]
@@ -260,7 +262,7 @@ def test_missing_matplotlib_is_one_line(
             raise ModuleNotFoundError("No module named 'matplotlib'", name="matplotlib")
         return import_module(module)
 
-    monkeypatch.setattr(extras, "import_module", absent)
+    monkeypatch.setattr(errors, "import_module", absent)
     assert main(["plot", "rocket.socp.json"]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1

@@ -9,16 +9,15 @@ from test_refine import made, solved
 from test_refine import spelt as text
 
 from socp import Ipopt, Problem, Solution, controls, single_phase, solve_collocated, states, uniform
-from socp.census import explore
 from socp.cli import main
 from socp.errors import MethodError
-from socp.frontier import Frontier, best_word, best_by_switches
-from socp.guess import default_guess
-from socp.limits import limit, shortening, told
-from socp.neighbours import changed, dropped, left_out, put_in, spelled, shortened
-from socp.registry import Registry
-from socp.schemes import euler
-from socp.symbols import final_time
+from socp.methods.guess import default_guess
+from socp.model.symbols import final_time
+from socp.registry.plugins import Registry
+from socp.search.neighbours import changed, dropped, left_out, put_in, shortened, spelled
+from socp.study.census import explore
+from socp.study.frontier import Frontier, best_by_switches, best_word, limit, shortening, told
+from socp.transcription.schemes import euler
 
 x, v = states("x v")
 u = controls("u")
@@ -150,7 +149,7 @@ def test_no_limit_without_a_geometric_sequence(fuller: tuple[Problem, Frontier])
 
 
 def test_many_words_are_found_next_to_the_best_ones(certified: Solution, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("socp.frontier._ALL", 1)
+    monkeypatch.setattr("socp.study.frontier._ALL", 1)
     found = best_by_switches(cart, 2, certified)
     assert not found.every
     assert (found.rows[0], found.rows[1].word) == (None, "u: + -")

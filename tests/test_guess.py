@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from socp_problems.auv import problem as auv
 
-from socp.guess import arranged, default_guess, guess_of, split
-from socp.problem import Problem, controls, final_time, initial_time, parameters, states, time
-from socp.registry import Registry
-from socp.solution import Solution
-from socp.structure import structure_of
-from socp.word import Word
+from socp.methods.guess import arranged, default_guess, guess_of, split
+from socp.model.problem import Problem
+from socp.model.solution import Solution
+from socp.model.symbols import controls, final_time, initial_time, parameters, states, time
+from socp.model.word import Word
+from socp.registry.plugins import Registry
+from socp.verdict.structure import structure_of
 
 x, v = states("x v")
 u = controls("u")

@@ -12,15 +12,18 @@ import numpy as np
 import pytest
 from socp_problems.auv import problem as auv
 
-from socp.backends import Ipopt, documented
-from socp.backends import ipopt as module
-from socp.collocate import collocate, uniform
 from socp.errors import MethodError, SolveError
-from socp.guess import default_guess
-from socp.nlp import NLP, NLPPoint, Progress
-from socp.phases import single_phase
-from socp.schemes import euler
-from socp.solution import Stop
+from socp.methods.guess import default_guess
+from socp.model.progress import Progress
+from socp.model.solution import Stop
+from socp.solvers import documented
+from socp.solvers import ipopt as module
+from socp.solvers.contract import NLP, NLPPoint
+from socp.solvers.ipopt import Ipopt
+from socp.transcription.collocation import collocate
+from socp.transcription.mesh import uniform
+from socp.transcription.phases import single_phase
+from socp.transcription.schemes import euler
 
 a, b = casadi.SX.sym("a"), casadi.SX.sym("b")
 v = casadi.vertcat(a, b)

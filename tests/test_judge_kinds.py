@@ -27,9 +27,10 @@ from socp import (
     time,
     uniform,
 )
-from socp.guess import split
-from socp.schemes import lgr
-from socp.solution import Arc, Stop
+from socp.methods.guess import split
+from socp.model.arc import Arc
+from socp.model.solution import Stop
+from socp.transcription.schemes import lgr
 
 Formula = Callable[[np.ndarray], Sequence[np.ndarray]]
 

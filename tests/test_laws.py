@@ -12,18 +12,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from socp import lawbook, laws
-from socp import points as sampled
-from socp.brackets import extended, flow, hamiltonian_value, switching_row
 from socp.errors import MethodError, ProblemError
-from socp.extremal import homogeneous
-from socp.factors import cramer, determinant, primitive, ratio
-from socp.formula import formula
-from socp.given import check_laws
-from socp.problem import Problem, controls, final_time, initial_time, parameters, states, time
-from socp.simplify import simplified
-from socp.symbols import Expr
-from socp.word import Mode, Word
+from socp.laws import book as lawbook
+from socp.laws import law as laws
+from socp.laws import probes as sampled
+from socp.laws.algebra import cramer, determinant, primitive, ratio
+from socp.laws.brackets import extended, flow, hamiltonian_value, switching_row
+from socp.laws.given import check_laws
+from socp.laws.setting import homogeneous
+from socp.laws.simplify import simplified
+from socp.model.problem import Problem
+from socp.model.symbols import Expr, controls, final_time, initial_time, parameters, states, time
+from socp.model.word import Mode, Word
+from socp.view.statement import formula
 
 x, y, z, v, w = states("x y z v w")
 u, u1, u2 = controls("u u1 u2")

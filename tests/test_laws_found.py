@@ -9,19 +9,24 @@ import numpy as np
 import pytest
 from casadi import cos, pi, sin
 
-from socp import eliminate, lawbook, laws, lessons, principle
-from socp import points as sampled
-from socp.chain import run
-from socp.drawing import horizon
 from socp.errors import MethodError
-from socp.extremal import contact
-from socp.guess import default_guess, guess_of
-from socp.invariant import closed
-from socp.principle import setting_of
-from socp.problem import Problem, controls, final_time, states
-from socp.registry import Registry
-from socp.solution import Solution
-from socp.word import Mode
+from socp.laws import book as lawbook
+from socp.laws import elimination as eliminate
+from socp.laws import law as laws
+from socp.laws import principle
+from socp.laws import probes as sampled
+from socp.laws.drawing import horizon
+from socp.laws.invariant import closed
+from socp.laws.principle import setting_of
+from socp.laws.setting import contact
+from socp.methods.chain import run
+from socp.methods.guess import default_guess, guess_of
+from socp.model.problem import Problem
+from socp.model.solution import Solution
+from socp.model.symbols import controls, final_time, states
+from socp.model.word import Mode
+from socp.registry.plugins import Registry
+from socp.verdict import lessons
 
 x, y, z, v, th = states("x y z v th")
 a, b, c = states("a b c")
@@ -53,9 +58,7 @@ def drag() -> Problem:
 
 
 def cubic() -> Problem:
-    return problem(
-        running=(x - 1) ** 2, dynamics={x: x**3 - x + u}, bounds={u: (-3, 3)}, start={x: 0.5}, final_time=8
-    )
+    return problem(running=(x - 1) ** 2, dynamics={x: x**3 - x + u}, bounds={u: (-3, 3)}, start={x: 0.5}, final_time=8)
 
 
 def train() -> Problem:
@@ -91,9 +94,7 @@ def feeding() -> Problem:
         P: 0.5 * X * S / (0.1 + S + 4 * S**2) - 0.05 * P - u / V * P,
         V: u,
     }
-    return problem(
-        minimise=-P * V, dynamics=motion, bounds={u: (0, 1), V: (None, 5)}, start={X: 1, S: 0.2, P: 0, V: 2}
-    )
+    return problem(minimise=-P * V, dynamics=motion, bounds={u: (0, 1), V: (None, 5)}, start={X: 1, S: 0.2, P: 0, V: 2})
 
 
 def ribosomes() -> Problem:

@@ -10,17 +10,17 @@ import pytest
 from test_auto import NAMES, load, spelt
 
 from socp import MethodError, Problem, Solution, controls, default_guess, run, states
-from socp.following import Follower
-from socp.insertion import insertions, magnitude
-from socp.mending import Candidate, without
-from socp.modes import arc_modes
-from socp.registry import Registry
-from socp.scouting import scouts
-from socp.softening import missed, softened
-from socp.solution import Stop
-from socp.standard import minimum_time
-from socp.word import Mode, Word
-from socp.words import Ledger, all_words, canonical, count, inserted
+from socp.laws.modes import arc_modes
+from socp.methods.direct import scouts
+from socp.methods.solving import Follower
+from socp.model.solution import Stop
+from socp.model.word import Mode, Word
+from socp.registry.plugins import Registry
+from socp.registry.standard import minimum_time
+from socp.search.candidate import Candidate, without
+from socp.search.insertion import insertions, magnitude
+from socp.search.ledger import Ledger, all_words, canonical, count, inserted
+from socp.search.softening import missed, softened
 
 LOWER, UPPER, SINGULAR = (Mode("lower"),), (Mode("upper"),), (Mode("singular"),)
 MODES = (LOWER, UPPER, SINGULAR)
@@ -95,7 +95,7 @@ def test_what_a_mixed_integer_solver_returns_is_cleaned_and_judged(
         found = Follower(points=points, intervals=1)(problem, Word.parse("u: + s - +", ("u",)), guess)
         return replace(found, message="said so")
 
-    monkeypatch.setattr("socp.minlp.minlp", fake)
+    monkeypatch.setattr("socp.search.integer.minlp.minlp", fake)
     solution = solved(registry, problem, solver="bonmin", switches="3", points=9, time=5.0)
     right(problem, solution)
     assert asked == [("bonmin", 3, 9, 5.0)]
@@ -108,7 +108,7 @@ def test_a_mixed_integer_solver_that_fails_is_reported_as_it_says(
 ) -> None:
     problem = load("catalyst_mixing")
     failed = replace(scouts(problem, default_guess(problem), 1)[0], stop=Stop.FAILED, message="it died")
-    monkeypatch.setattr("socp.minlp.minlp", lambda *_: failed)
+    monkeypatch.setattr("socp.search.integer.minlp.minlp", lambda *_: failed)
     solution = solved(registry, problem, solver="scip")
     assert solution.stop is Stop.FAILED
     assert solution.message == "it died"
@@ -135,7 +135,7 @@ def test_a_horizon_that_shrinks_to_a_point_keeps_one_arc() -> None:
 def test_an_unknown_solver_is_refused_before_anything_is_solved(
     registry: Registry, solver: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("socp.scouting.collocate", None)
+    monkeypatch.setattr("socp.transcription.collocation.collocate", None)
     with pytest.raises(MethodError, match=f"no mixed-integer solver '{solver}'; available here: bonmin"):
         solved(registry, load("jacobson_1"), solver=solver)
 

@@ -15,13 +15,14 @@ import pytest
 from socp_problems.auv import problem as auv
 from socp_problems.double_integrator_time import problem as integrator
 
-from socp.backends.apart import Job, Outcome, checked, solved_apart
 from socp.errors import MethodError
-from socp.guess import default_guess
-from socp.layouts import starts
-from socp.minlp import SOLVERS, available, minlp
-from socp.nlp import NLP, NLPPoint, Progress, silent
-from socp.solution import Stop
+from socp.methods.guess import default_guess
+from socp.model.progress import Progress, silent
+from socp.model.solution import Stop
+from socp.search.integer.minlp import SOLVERS, available, minlp
+from socp.search.integer.starts import starts
+from socp.solvers.contract import NLP, NLPPoint
+from socp.solvers.process import Job, Outcome, checked, solved_apart
 
 x, z = casadi.SX.sym("x"), casadi.SX.sym("z")
 # minimise x + z with x >= 1 - z: the best point is x = 1, z = 0, and x = 0, z = 1 is as good; z = 0.5 would cheat
@@ -83,18 +84,18 @@ def test_a_false_point_called_optimal_is_not_believed(v: str, said: str, fake: F
 
 
 def test_the_best_verified_point_is_kept_beside_false_ones(fake: Fake) -> None:
-    found = fake('''for v in ([4.0, 0.0], [1.5, 0.0], [2.0, 0.0], [0.0, 0.0]):
-    tell({"v": v, "status": "optimal"})''')
+    found = fake("""for v in ([4.0, 0.0], [1.5, 0.0], [2.0, 0.0], [0.0, 0.0]):
+    tell({"v": v, "status": "optimal"})""")
     assert found.point.objective == 1.5
     assert "not believed: its point violates" in found.point.message
 
 
 def test_garbage_is_passed_over(fake: Fake) -> None:
-    found = fake('''tell({"v": [2.0, 0.0]})
+    found = fake("""tell({"v": [2.0, 0.0]})
 with open(os.path.join(job["folder"], "told.jsonl"), "a") as file:
     file.write('\\x00\\xff not json\\n[1, 2]\\n{"v": "what"}\\n{"bound": []}\\n')
 print("garbage " * 1000)
-tell({"status": "limit"})''')
+tell({"status": "limit"})""")
     assert found.point.objective == 2.0
     assert "cannot be read" in found.point.message
 
@@ -173,7 +174,7 @@ def test_a_solver_ends_with_the_process_that_asked_for_it(tmp_path: Path) -> Non
         "import json, os, pathlib, subprocess, sys, time\n"
         f"folder = pathlib.Path({str(folder)!r})\n"
         "(folder / 'job.json').write_text(json.dumps({'killed_after': 600, 'parent': os.getpid()}))\n"
-        "subprocess.Popen([sys.executable, '-m', 'socp.backends.child', 'fake_solver', str(folder)],"
+        "subprocess.Popen([sys.executable, '-m', 'socp.solvers.worker', 'fake_solver', str(folder)],"
         " start_new_session=True)\n"
         "time.sleep(600)\n"
     )

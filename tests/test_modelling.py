@@ -12,15 +12,16 @@ from pyomo.gdp import Disjunction
 from socp_problems.auv import problem as auv
 from socp_problems.double_integrator_time import problem as integrator
 
-from socp.binary import binary_modes
 from socp.cli import main
-from socp.collocate import collocate, uniform
-from socp.disjunctive import disjunctive, pyomo_model
 from socp.errors import MethodError
-from socp.modelling import pyomo_programme, translated, write_nl
-from socp.nlp import NLP
-from socp.programmes import programme, write
-from socp.schemes import lgr
+from socp.search.integer.disjunctive import disjunctive, pyomo_model
+from socp.search.integer.programmes import programme, write
+from socp.search.integer.reduction import binary_modes
+from socp.solvers.contract import NLP
+from socp.solvers.pyomo_model import pyomo_programme, translated, write_nl
+from socp.transcription.collocation import collocate
+from socp.transcription.mesh import uniform
+from socp.transcription.schemes import lgr
 
 
 def points(nlp: NLP, count: int = 5) -> list[np.ndarray]:

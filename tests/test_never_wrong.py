@@ -10,10 +10,10 @@ import pytest
 from socp_plugins.lgr_multiphase import LgrMultiphase
 
 from socp import Ipopt, Problem, Solution, Word, default_guess, follow, judge, run, solve_collocated, uniform
-from socp.guess import split
-from socp.pmp import case
-from socp.schemes import lgr
-from socp.solution import Stop
+from socp.methods.guess import split
+from socp.model.solution import Stop
+from socp.transcription.schemes import lgr
+from socp.verdict.certify import case
 
 WORDS = {
     "auv": "r: + s s s +; f: + + b[u.upper] - -",
@@ -119,8 +119,10 @@ def spoilt(problem: Problem, solution: Solution) -> Iterator[tuple[str, Solution
         yield f"objective times {factor}", replace(solution, objective=solution.objective * factor)
     size = np.abs(solution.rows("x")).max(axis=1)
     low, high = problem.box
-    change: Callable[[int, dict[str, object]], Solution] = lambda k, new: replace(  # noqa: E731
-        solution, arcs=(*solution.arcs[:k], replace(solution.arcs[k], **new), *solution.arcs[k + 1 :])
+    change: Callable[[int, dict[str, object]], Solution] = (
+        lambda k, new: replace(  # noqa: E731
+            solution, arcs=(*solution.arcs[:k], replace(solution.arcs[k], **new), *solution.arcs[k + 1 :])
+        )
     )
     for k, arc in enumerate(solution.arcs):
         hump = np.sin(np.pi * (arc.t - arc.t[0]) / (arc.t[-1] - arc.t[0]))

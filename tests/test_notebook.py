@@ -9,12 +9,12 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from socp import Problem, Solution, default_guess, extras, run
+from socp import Problem, Solution, default_guess, errors, run
 from socp.errors import MethodError
-from socp.notebook import words
-from socp.registry import Registry
-from socp.solution import Stop
-from socp.verdict import Finding, Verdict
+from socp.model.findings import Finding, Verdict
+from socp.model.solution import Stop
+from socp.registry.plugins import Registry
+from socp.view.notebook import words
 
 ROOT = Path(__file__).parents[1]
 TUTORIAL = ROOT / "docs" / "tutorial.ipynb"
@@ -79,7 +79,7 @@ def test_solution_without_matplotlib_has_no_picture(solution: Solution, monkeypa
     def absent(_module: str, extra: str, _what: str) -> Any:
         raise MethodError(extra)
 
-    monkeypatch.setattr(extras, "load", absent)
+    monkeypatch.setattr(errors, "load", absent)
     html = solution._repr_html_()
     assert "<svg" not in html
     assert "singular" in seen(html)

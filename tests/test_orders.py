@@ -10,15 +10,16 @@ import casadi
 import numpy as np
 import pytest
 
-from socp.backends import Ipopt
-from socp.collocate import Mesh, uniform
-from socp.guess import default_guess
-from socp.method import solve_collocated
-from socp.phases import PhasedProblem, follow, single_phase
-from socp.problem import Problem, controls, final_time, initial_time, parameters, states, time
-from socp.schemes import Scheme, euler, hermite_simpson, lgr, radau_iia, trapezoid
-from socp.solution import Solution, Stop
-from socp.word import Word
+from socp.methods.contract import solve_collocated
+from socp.methods.guess import default_guess
+from socp.model.problem import Problem
+from socp.model.solution import Solution, Stop
+from socp.model.symbols import controls, final_time, initial_time, parameters, states, time
+from socp.model.word import Word
+from socp.solvers.ipopt import Ipopt
+from socp.transcription.mesh import Mesh, uniform
+from socp.transcription.phases import PhasedProblem, follow, single_phase
+from socp.transcription.schemes import Scheme, euler, hermite_simpson, lgr, radau_iia, trapezoid
 
 x, y, v = states("x y v")
 u = controls("u")

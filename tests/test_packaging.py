@@ -13,8 +13,8 @@ import pytest
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
-from socp.method import Method
-from socp.registry import Registry
+from socp.methods.contract import Method
+from socp.registry.plugins import Registry
 
 ROOT = Path(__file__).parents[1]
 

@@ -19,9 +19,9 @@ from socp import (
     states,
     uniform,
 )
-from socp.guess import split
-from socp.schemes import lgr
-from socp.verdict import EXTREMAL, FEASIBLE
+from socp.methods.guess import split
+from socp.model.findings import EXTREMAL, FEASIBLE
+from socp.transcription.schemes import lgr
 
 SHARP = Ipopt({"tol": 1e-11})
 
@@ -136,9 +136,9 @@ def test_distance_is_a_lower_bound(auv: Problem) -> None:
 
 
 def test_a_ringing_control_is_named(auv: Problem) -> None:
-    from socp.collocate import uniform as mesh
-    from socp.phases import single_phase
-    from socp.schemes import trapezoid
+    from socp.transcription.mesh import uniform as mesh
+    from socp.transcription.phases import single_phase
+    from socp.transcription.schemes import trapezoid
 
     verdict = judge(
         auv, solve_collocated(single_phase(auv), [mesh(trapezoid(), 400)], Ipopt(), default_guess(auv))

@@ -7,22 +7,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from socp import Ipopt, Problem, Word, controls, default_guess, final_time, run, solve_collocated, states, uniform
-from socp.arc import Arc, joined
-from socp.chain import judge
-from socp.following import Follower
-from socp.guess import split
-from socp.hidden import revealed
-from socp.kinks import kinks
-from socp.mending import read
-from socp.phases import follow, single_phase
-from socp.polish import polished
-from socp.registry import Registry
-from socp.schemes import radau_iia
-from socp.shooting import Shooting, ends
-from socp.solution import Solution
-from socp.standard import STANDARD, minimum_time, speed_limit
-from socp.symbols import time
-from socp.trust import apart, reached, trusted
+from socp.methods.guess import split
+from socp.methods.polish import polished
+from socp.methods.solving import Follower
+from socp.model.arc import Arc, joined
+from socp.model.solution import Solution
+from socp.model.symbols import time
+from socp.registry.plugins import Registry
+from socp.registry.standard import STANDARD, minimum_time, speed_limit
+from socp.search.digits import apart, reached, trusted
+from socp.search.reading import read, revealed
+from socp.transcription.kinks import kinks
+from socp.transcription.phases import follow, single_phase
+from socp.transcription.schemes import radau_iia
+from socp.transcription.shooting import Shooting, ends
+from socp.verdict.certify import judge
 
 REGISTRY = Registry.load()
 a, b = casadi.SX.sym("a"), casadi.SX.sym("b")
@@ -211,7 +210,7 @@ def test_digits_come_from_two_computations() -> None:
 
 
 def test_meshes_are_compared_where_newton_does_not_settle(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("socp.trust.polished", lambda *_: None)
+    monkeypatch.setattr("socp.methods.polish.polished", lambda *_: None)
     problem = minimum_time().problem
     solution = along(problem, "u: - +", [1.0, 1.0])
     found = trusted(problem, solution, 9, Ipopt({"tol": 1e-11}))

@@ -13,18 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from socp.errors import ProblemError
-from socp.problem import (
-    Problem,
-    Reference,
-    controls,
-    final_time,
-    free,
-    initial,
-    initial_time,
-    parameters,
-    states,
-    time,
-)
+from socp.model.parts import Reference
+from socp.model.problem import Problem
+from socp.model.symbols import controls, final_time, free, initial, initial_time, parameters, states, time
 
 x, y, unmoved = states("x y unmoved")
 v, w, loose = controls("v w loose")

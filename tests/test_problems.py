@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from scipy.integrate import DOP853
 
-from socp import laws
-from socp.guess import default_guess
-from socp.problem import Problem
-from socp.symbols import final_time, initial_time, time
-from socp.word import Word
+from socp.laws import law as laws
+from socp.methods.guess import default_guess
+from socp.model.problem import Problem
+from socp.model.symbols import final_time, initial_time, time
+from socp.model.word import Word
 
 ROOT = Path(__file__).parent.parent
 NAMES = sorted(path.stem for path in (ROOT / "problems").glob("*.py"))
@@ -81,7 +81,7 @@ def test_reference_has_one_switch_between_neighbouring_arcs(name: str) -> None:
 
 @pytest.mark.parametrize("name", WITH_WORD)
 def test_reference_objective_follows_from_its_switches_along_the_derived_laws(name: str) -> None:
-    """An independent route: DOP853 over the arcs, laws from `socp.laws`, and nothing of the solvers."""
+    """An independent route: DOP853 over the arcs, laws from `socp.laws.law`, and nothing of the solvers."""
     problem = load(name)
     reference = problem.reference
     end, x, cost = integrate(problem)

@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from socp.cli.progress import Display, progress
-from socp.nlp import Progress, silent
+from socp.model.progress import Progress, silent
 
 
 def shown() -> tuple[Display, list[str]]:

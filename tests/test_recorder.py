@@ -12,21 +12,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from socp.chain import run
 from socp.cli import main
 from socp.errors import MethodError, SolveError
-from socp.guess import default_guess
-from socp.nlp import Progress
-from socp.problem import Problem
-from socp.recording import viewer
-from socp.recording.contents import Run, control, items
-from socp.recording.items import Drawing, Lane, Note, Panel, Series
-from socp.recording.layout import layout, panels, visible
-from socp.recording.plane import ground, together
-from socp.registry import Registry
-from socp.scene import picture
-from socp.solution import Solution
-from socp.traces import traces
+from socp.methods.chain import run
+from socp.methods.guess import default_guess
+from socp.model.problem import Problem
+from socp.model.progress import Progress
+from socp.model.scene import picture
+from socp.model.solution import Solution
+from socp.registry.plugins import Registry
+from socp.view.recording import viewer
+from socp.view.recording.contents import Run, control, items
+from socp.view.recording.items import Drawing, Lane, Note, Panel, Series
+from socp.view.recording.page import layout, panels, visible
+from socp.view.recording.plane import ground, together
+from socp.view.traces import traces
 
 RERUN = Path(sys.executable).with_name("rerun")
 

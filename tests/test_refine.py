@@ -7,15 +7,18 @@ import numpy as np
 import pytest
 
 from socp import Problem, Solution, controls, states
-from socp.conclusion import explained
-from socp.junctions import chattering
-from socp.mending import Candidate, candidate, insert, mends, merged, read
-from socp.nlp import NLP, NLPPoint
-from socp.search import Ration, Search
-from socp.solution import Arc, Feasibility, Stop
-from socp.symbols import final_time
-from socp.verdict import Finding, Verdict
-from socp.word import Mode
+from socp.model.arc import Arc
+from socp.model.findings import Feasibility, Finding, Verdict
+from socp.model.solution import Stop
+from socp.model.symbols import final_time
+from socp.model.word import Mode
+from socp.search.candidate import Candidate, insert, merged
+from socp.search.conclusion import explained
+from socp.search.effort import Ration, Search
+from socp.search.mending import mends
+from socp.search.reading import candidate, read
+from socp.solvers.contract import NLP, NLPPoint
+from socp.verdict.junctions import chattering
 
 x, y = states("x y")
 u, w = controls("u w")

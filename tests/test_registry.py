@@ -8,10 +8,10 @@ import pytest
 from conftest import PLUGIN, Install
 
 import socp
-from socp.entries import Plugin, suggest
 from socp.errors import MethodError, ProblemError
-from socp.guess import default_guess
-from socp.registry import PluginError, Registry
+from socp.methods.guess import default_guess
+from socp.registry.entries import Plugin, suggest
+from socp.registry.plugins import PluginError, Registry
 
 HOOK = "from socp import hookimpl\n\n@hookimpl\n"
 BROKEN = {

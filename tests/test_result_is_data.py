@@ -9,12 +9,13 @@ from typing import Any
 
 import pytest
 
-from socp import run, stated
+from socp import run
 from socp.cli import main
-from socp.guess import default_guess
-from socp.problem import Problem
-from socp.registry import Registry
-from socp.solution import Solution
+from socp.methods.guess import default_guess
+from socp.model.data import stated
+from socp.model.problem import Problem
+from socp.model.solution import Solution
+from socp.registry.plugins import Registry
 
 ROOT = Path(__file__).parents[1]
 EVIL_FILE = "quux_evil.py"  # no package has the word
@@ -80,7 +81,13 @@ def test_no_other_file_is_opened_and_nothing_of_it_is_run(genuine: str, tmp_path
     for decoy in (here / EVIL_FILE, there / EVIL_FILE, here / "auv.py", here / "cart.py", here / "problem.py"):
         decoy.write_text(EVIL)
     commands = []
-    names = (EVIL_FILE, f"{there}/{EVIL_FILE}", f"{EVIL_FILE}:problem", "__import__('quux_evil')", f"file://{EVIL_FILE}")
+    names = (
+        EVIL_FILE,
+        f"{there}/{EVIL_FILE}",
+        f"{EVIL_FILE}:problem",
+        "__import__('quux_evil')",
+        f"file://{EVIL_FILE}",
+    )
     for k, text in enumerate(names):
         document = json.loads(genuine)
         claimed(document, text)
@@ -162,9 +169,7 @@ def test_a_changed_copy_of_a_registered_problem_is_judged_as_itself(
         assert capsys.readouterr().err == told
     assert main(["check", "mine.json", "--problem", problem.name]) == 1
     said = capsys.readouterr()
-    assert said.err == (
-        f"warning: problem '{problem.name}' is used; that of the result differs in: start.x\n"
-    )
+    assert said.err == (f"warning: problem '{problem.name}' is used; that of the result differs in: start.x\n")
     assert "not feasible" in said.out
     assert main(["check", "mine.json", "--problem", "mine.py"]) == 0
     assert capsys.readouterr().err == ""

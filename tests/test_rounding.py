@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from socp import default_guess
 from socp.errors import SolveError
-from socp.modes import arc_modes
-from socp.registry import Registry
-from socp.rounding import Cells, cells, deviation, rounded, rounding
-from socp.scouting import scouts
+from socp.laws.modes import arc_modes
+from socp.methods.direct import scouts
+from socp.registry.plugins import Registry
+from socp.search.rounding import Cells, cells, deviation, rounded, rounding
 
 
 def bangs(relaxed: list[float], lengths: list[float] | None = None) -> Cells:

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from socp.guess import default_guess
-from socp.problem import Problem, controls, final_time, states
-from socp.registry import Registry
-from socp.scene import picture
+from socp.methods.guess import default_guess
+from socp.model.problem import Problem
+from socp.model.scene import picture
+from socp.model.symbols import controls, final_time, states
+from socp.registry.plugins import Registry
 
 x, y, z = states("x y z")
 v = controls("v")

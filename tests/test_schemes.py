@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 
 from socp.errors import MethodError
-from socp.schemes import Scheme, barycentric, differentiation, euler, hermite_simpson, lgr, radau, radau_iia, trapezoid
+from socp.transcription.schemes import (
+    Scheme,
+    barycentric,
+    differentiation,
+    euler,
+    hermite_simpson,
+    lgr,
+    radau,
+    radau_iia,
+    trapezoid,
+)
 
 POINTS = [1, 2, 3, 4, 5, 7, 10, 15, 20, 30, 40, 50, 60]
 SCHEMES = [euler(), trapezoid(), hermite_simpson(), *map(lgr, POINTS), *map(radau_iia, POINTS)]

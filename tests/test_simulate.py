@@ -9,11 +9,15 @@ import numpy as np
 import pytest
 from casadi import cos
 
-from socp.problem import Problem, controls, final_time, initial, parameters, states, time
-from socp.schemes import euler, lgr, trapezoid
-from socp.simulate import scales, verify
-from socp.solution import Arc, Feasibility, Solution, Stop
-from socp.tables import table
+from socp.model.arc import Arc
+from socp.model.evaluation import scales
+from socp.model.findings import Feasibility
+from socp.model.problem import Problem
+from socp.model.solution import Solution, Stop
+from socp.model.symbols import controls, final_time, initial, parameters, states, time
+from socp.transcription.mesh import table
+from socp.transcription.schemes import euler, lgr, trapezoid
+from socp.verdict.reintegration import verify
 
 x, y = states("x y")
 u, w = controls("u w")

@@ -15,12 +15,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from socp_problems.auv import problem as auv
 
-from socp.collocate import collocate, uniform
 from socp.errors import SolveError
-from socp.phases import single_phase
-from socp.schemes import euler, hermite_simpson, lgr, radau_iia, trapezoid
-from socp.solution import Arc, Feasibility, Solution, Stop, lagrange
-from socp.tables import table
+from socp.model.arc import Arc, lagrange
+from socp.model.findings import Feasibility
+from socp.model.solution import Solution, Stop
+from socp.transcription.collocation import collocate
+from socp.transcription.mesh import table, uniform
+from socp.transcription.phases import single_phase
+from socp.transcription.schemes import euler, hermite_simpson, lgr, radau_iia, trapezoid
 
 
 def arc_of(scheme: Any, shares: list[float], span: tuple[float, float], **values: Any) -> Arc:
@@ -39,7 +41,6 @@ def solution_of(*arcs: Arc, **changes: Any) -> Solution:
     }
     parts: dict[str, Any] = {"problem": "p", "method": "m", "arcs": arcs, "objective": 1.0, "stop": Stop.SOLVED}
     return Solution(**parts | names | changes)
-
 
 
 # -- evaluation

@@ -16,24 +16,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socp import grammar, portable, stated
-from socp.chain import carrying
 from socp.errors import ProblemError
-from socp.guess import default_guess
-from socp.kept import fingerprint
-from socp.problem import (
-    Problem,
-    Reference,
-    Scene,
-    controls,
-    final_time,
-    initial,
-    initial_time,
-    parameters,
-    states,
-    time,
-)
-from socp.registry import Registry
+from socp.methods.guess import default_guess
+from socp.model.data import grammar, portable, stated
+from socp.model.parts import Reference
+from socp.model.problem import Problem
+from socp.model.scene import Scene
+from socp.model.symbols import controls, final_time, initial, initial_time, parameters, states, time
+from socp.registry.plugins import Registry
+from socp.study.store import fingerprint
+from socp.verdict.certify import carrying
 
 NAMES = Registry.load(only=()).problems
 a, b, c = (casadi.SX.sym(name) for name in "abc")

@@ -20,20 +20,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socp import Ipopt, Problem, Solution, controls, final_time, states, style
-from socp.aside import aside
-from socp.backends import apart
+from socp import Ipopt, Problem, Solution, controls, final_time, states
 from socp.cli import main
 from socp.cli.consoles import console
 from socp.cli.session import named_after, writable
 from socp.cli.streams import Descriptor, parted
 from socp.errors import MethodError, ProblemError, SolveError
-from socp.nlp import NLP, NLPPoint
-from socp.printable import file_stem, markdown, markdown_code, one_line, printable
-from socp.recording.summary import comparison, search, summary
-from socp.records import Node
-from socp.results import write_atomic
-from socp.solution import Stop
+from socp.model.data.files import write_atomic
+from socp.model.findings import Node
+from socp.model.solution import Stop
+from socp.process.output import aside
+from socp.process.text import file_stem, markdown, markdown_code, one_line, printable
+from socp.solvers import process as apart
+from socp.solvers.contract import NLP, NLPPoint
+from socp.view.figures import style
+from socp.view.recording.summary import comparison, search, summary
 
 FULL = Path("/dev/full")
 CART = """from socp import Problem, controls, final_time, states
@@ -395,7 +396,7 @@ def test_aside_with_threads(capfd: pytest.CaptureFixture[str]) -> None:
 def test_aside_whatever_became_of_the_streams(replaced: str) -> None:
     """Where descriptor 1 is closed, a file may get its number: no banner goes there."""
     code = (
-        "import io, os, sys; from socp.aside import aside; print('mine')\n"
+        "import io, os, sys; from socp.process.output import aside; print('mine')\n"
         f"{replaced}\n"
         "with aside(): os.write(1, b'banner')\n"
         "try: os.close(1)\nexcept OSError: pass\n"

@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from socp.problem import Problem, controls, final_time, states
-from socp.schemes import Scheme, euler, lgr, radau_iia, trapezoid
-from socp.solution import Arc, Solution, Stop
-from socp.structure import misfit, structure_of
-from socp.tables import table
-from socp.word import Mode
+from socp.model.arc import Arc
+from socp.model.problem import Problem
+from socp.model.solution import Solution, Stop
+from socp.model.symbols import controls, final_time, states
+from socp.model.word import Mode
+from socp.transcription.mesh import table
+from socp.transcription.schemes import Scheme, euler, lgr, radau_iia, trapezoid
+from socp.verdict.structure import misfit, structure_of
 
 x, y = states("x y")
 u, w = controls("u w")

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 from headless import Viewer, near, viewer, vulkan
 
-from socp.chain import run
 from socp.cli import main
-from socp.guess import default_guess
-from socp.problem import Problem
-from socp.recording.contents import items
-from socp.recording.items import Bars, Colour, Drawing, Group, Item, Lane, Panel, Series
-from socp.recording.layout import layout, panels, visible
-from socp.registry import Registry
-from socp.solution import Solution
+from socp.methods.chain import run
+from socp.methods.guess import default_guess
+from socp.model.problem import Problem
+from socp.model.solution import Solution
+from socp.registry.plugins import Registry
+from socp.view.recording.contents import items
+from socp.view.recording.items import Bars, Colour, Drawing, Group, Item, Lane, Panel, Series
+from socp.view.recording.page import layout, panels, visible
 
 pytestmark = [
     pytest.mark.viewer,
@@ -159,7 +159,7 @@ def test_the_viewer_has_no_errors_to_report(screen: Viewer, shown: Shown) -> Non
 def test_a_solve_is_streamed_to_the_viewer_and_to_the_file_at_once(
     screen: Viewer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from socp.recording import viewer as native
+    from socp.view.recording import viewer as native
 
     monkeypatch.setattr(native.ready, "__defaults__", (screen.port, 1.0))
     path = tmp_path / "live.rrd"
@@ -175,7 +175,7 @@ def test_a_solve_is_streamed_to_the_viewer_and_to_the_file_at_once(
 def test_a_viewer_that_is_closed_meanwhile_costs_a_line_and_the_recording_is_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from socp.recording import viewer as native
+    from socp.view.recording import viewer as native
 
     path, registry = tmp_path / "a.rrd", Registry.load()
     problem = registry.problem("double_integrator_vlimit")

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from socp.errors import MethodError
-from socp.word import Mode, Word
+from socp.model.word import Mode, Word
 
 MODES = st.one_of(
     st.sampled_from([Mode("lower"), Mode("upper"), Mode("singular"), Mode("boundary"), Mode("free")]),

@@ -19,16 +19,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # the matrices here are small: threads of the linear algebra cost more than they bring, the more so side by side
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("PYTHONSAFEPATH", "1")  # processes started here import nothing from the current folder
-    from socp import interruption
+    from socp.process import heard, listening
 
-    with parted(for_good=arguments is None), interruption.listening(to_the_end=arguments is None):
+    with parted(for_good=arguments is None), listening(to_the_end=arguments is None):
         try:
             from socp.cli.app import run
 
             code = run(arguments)
         except KeyboardInterrupt:
             sys.stderr.write("interrupted\n")
-            code = 128 + (interruption.heard() or _USUAL)
+            code = 128 + (heard() or _USUAL)
     if arguments is None:
         _end(code)
     return code
@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _end(code: int) -> None:
     """End the process at once where threads of a problem file would keep it: what they do is not the command's."""
-    executing = sys.modules.get("socp.cli.executing")
+    executing = sys.modules.get("socp.registry.executing")
     if executing is None or not executing.threads():
         return
     atexit._run_exitfuncs()  # noqa: SLF001 - files that are open get flushed; there is no public way

@@ -11,22 +11,21 @@ from typing import Any
 import click
 from rich.text import Text
 
-from socp import interruption
-from socp.cli.checking import check
-from socp.cli.comparing import compare
-from socp.cli.describing import describe
-from socp.cli.exporting import export
-from socp.cli.listing import list_, methods, plugins, plugins_list
+from socp.cli.commands.checking import check
+from socp.cli.commands.comparing import compare
+from socp.cli.commands.describing import describe
+from socp.cli.commands.exporting import export
+from socp.cli.commands.listing import list_, methods, plugins, plugins_list
+from socp.cli.commands.plotting import plot
+from socp.cli.commands.recording import record, view
+from socp.cli.commands.solving import solve
+from socp.cli.commands.surveying import census, frontier
 from socp.cli.machine import lacking, roomy
-from socp.cli.plotting import plot
-from socp.cli.recording import record, view
 from socp.cli.session import Exit, Session, messages
-from socp.cli.solving import solve
 from socp.cli.streams import Streams, kept_apart, parsing, parted
-from socp.cli.surveying import census, frontier
 from socp.errors import ContractError, KeepingError, MethodError, ProblemError, SocpError
+from socp.process import heard, held, listening, said
 from socp.registry import PluginError
-from socp.telling import said
 
 EPILOG = """\b
 Exit codes:
@@ -88,11 +87,11 @@ def run(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code; every error becomes a message."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     session = Session(debug="--debug" in given)
-    with parted() as streams, interruption.listening():
+    with parted() as streams, listening():
         code = _ran(session, given)
-        with interruption.held():
+        with held():
             code = _delivered(streams, session, code)
-            asked = interruption.heard()
+            asked = heard()
             return 128 + asked if asked and code != Exit.LACKING else code
 
 
@@ -109,14 +108,14 @@ def _ran(session: Session, given: Sequence[str]) -> int:
     except (click.ClickException, SocpError) as error:
         return _expected(error, session)
     except BaseException as error:  # noqa: BLE001 - a bug is one line and a hint, not a traceback
-        if interruption.heard():  # what Ctrl-C breaks off while a package is imported fails in some other way later
+        if heard():  # what Ctrl-C breaks off while a package is imported fails in some other way later
             return _interrupted(session)
         return _internal(error, session, given)
     return code if isinstance(code, int) else Exit.SOLVED
 
 
 def _interrupted(session: Session) -> int:
-    with interruption.held():
+    with held():
         _say("interrupted; nothing was written", session)
     return Exit.INTERRUPTED
 

@@ -8,7 +8,7 @@ from typing import TextIO, final
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderableType, RenderHook
 from rich.segment import Segment
 
-from socp.printable import printable
+from socp.process import printable
 
 _NARROW = 20  # columns: tables with fewer are unreadable, and such a width is a mistake or no terminal's
 

@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from socp.errors import KeepingError, SocpError
-from socp.interruption import held
+from socp.process import held
 
 if TYPE_CHECKING:
-    from socp.problem import Problem
-    from socp.solution import Solution
+    from socp.model import Problem, Solution
 
 ENDING = ".socp.json"
 _ALIKE = 1e-9  # relative: objectives of certified results closer than this are equally good, and the newer one stays
@@ -68,8 +67,9 @@ def _kind(solution: "Solution") -> str:
 
 def _better(problem: "Problem", path: Path, new: "Solution") -> bool:
     """Tell whether a file holds a certified result of this problem that is better; what it says is judged anew."""
-    from socp.chain import checked, judge
-    from socp.solution import Solution
+    from socp.methods import checked
+    from socp.model import Solution
+    from socp.verdict import judge
 
     try:
         old = Solution.load(path)

@@ -1,6 +1,5 @@
 """What the machine may lack, a disk or memory: found out before where that is possible, told as what it is else."""
 
-
 from socp.errors import KeepingError
 
 _LEAST = 512 * 2**20  # bytes of addresses: with less, the linear algebra of the solvers waits for memory for ever

@@ -2,14 +2,13 @@
 
 from typing import TYPE_CHECKING
 
-from socp.cli.loading import fitting, load_problem
 from socp.cli.session import Session
 from socp.errors import ProblemError, SolveError
+from socp.registry import fitting, load_problem
 
 if TYPE_CHECKING:
-    from socp.problem import Problem
+    from socp.model import Problem, Solution
     from socp.registry import Registry
-    from socp.solution import Solution
 
 _TOLD = 6  # places told in which two problems differ; more are another problem altogether
 
@@ -23,9 +22,7 @@ def open_result(
     alone. Where two of these problems differ, a warning says where. The problem is None where there is none of them.
     SolveError says what is wrong with the file, or that it is not a result of its problem.
     """
-    from socp.problem import Problem
-    from socp.solution import Solution
-    from socp.stated import shown
+    from socp.model import Problem, Solution, shown
 
     solution, own = Solution.load(path), None
     registry = registry or session.registry()
@@ -57,7 +54,7 @@ def open_result(
 
 def unknown(solution: "Solution") -> str:
     """Return why a saved result is without a problem, and what to do."""
-    from socp.stated import shown
+    from socp.model import shown
 
     reason = f" ({shown(solution.unstated)})" if solution.unstated else ""
     lacking = f"the result carries no statement of its problem '{solution.problem}'{reason}"
@@ -73,7 +70,7 @@ def _registered(name: str, registry: "Registry") -> "Problem | None":
 
 def _agreeing(path: str, solution: "Solution", problem: "Problem") -> "Solution":
     """Return a saved result as it is; SolveError where its arcs follow constraints that the problem does not have."""
-    from socp.consistency import follow
+    from socp.model import follow
 
     try:
         follow(solution, [constraint.name for constraint in problem.constraints])
@@ -84,7 +81,7 @@ def _agreeing(path: str, solution: "Solution", problem: "Problem") -> "Solution"
 
 def _compare(session: Session, own: "Problem", other: "Problem", told: str) -> None:
     """Warn where two problems differ."""
-    from socp.portable import differences
+    from socp.model import differences
 
     try:
         places = differences(own, other)

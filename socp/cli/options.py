@@ -5,12 +5,12 @@ from dataclasses import MISSING, Field, replace
 from types import NoneType
 from typing import TYPE_CHECKING, Any, get_args, get_type_hints
 
-from socp.entries import suggest
 from socp.errors import MethodError
-from socp.telling import short
+from socp.process import short
+from socp.registry import suggest
 
 if TYPE_CHECKING:
-    from socp.method import Method
+    from socp.methods import Method
 
 DEFAULT_METHOD = "auto"
 
@@ -30,7 +30,7 @@ def pairs(given: Iterable[str]) -> list[tuple[str, str]]:
 
 def build(method: "type[Method]", given: Iterable[tuple[str, str]]) -> "Method":
     """Return a method with options set from their texts; MethodError names the unknown, missing or mistyped."""
-    from socp.method import check_options, options, required
+    from socp.methods import check_options, options, required
 
     fields = {each.name: each for each in options(method)}
     hints = get_type_hints(method)
@@ -71,7 +71,7 @@ def shared(methods: "Sequence[type[Method]]", given: Sequence[str]) -> "dict[str
 
 def accepted(method: "type[Method]") -> set[str]:
     """Return the keys that a method takes: its options, and the names before the dot of its backends' options."""
-    from socp.method import options
+    from socp.methods import options
 
     fields = options(method)
     return {each.name for each in fields} | {backend_name(each) for each in fields if has_options(each)}
@@ -120,7 +120,7 @@ def _number(text: str) -> int | float | str:
 
 def _convert(place: str, hint: Any, text: str) -> Any:
     """Return a text as the type of an option: int, float, bool, str, or one of these or None."""
-    from socp.method import WANTED
+    from socp.methods import WANTED
 
     kinds = get_args(hint) or (hint,)
     if NoneType in kinds and text.lower() == "none":

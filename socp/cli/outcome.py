@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 from socp.cli.session import Exit
 
 if TYPE_CHECKING:
-    from socp.problem import Problem
-    from socp.solution import Solution
+    from socp.model import Problem, Solution
 
 _NOTHING = 1e-12  # share of the horizon below which an initial time is 0
 

@@ -13,10 +13,10 @@ from rich.table import Table
 from rich.text import Text
 
 from socp.cli.consoles import Escaped
-from socp.printable import one_line
+from socp.process import one_line
 
 if TYPE_CHECKING:
-    from socp.nlp import Progress, Watch
+    from socp.model import Progress, Watch
 
 _LIVE = 0.1  # seconds between two refreshes of the live display
 _OCCASIONAL = 5.0  # seconds between two plain lines
@@ -26,7 +26,7 @@ _PLAIN = "ipopt"  # a stage that says no more than that a programme is being sol
 @contextmanager
 def progress(console: Console, label: str, *, quiet: bool) -> "Iterator[Watch]":
     """Yield a watch that shows the progress of a solve or a search; a quiet one shows nothing."""
-    from socp.nlp import silent
+    from socp.model import silent
 
     label = one_line(label)
     if quiet:

@@ -5,18 +5,14 @@ from contextlib import nullcontext
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
-from socp import interruption
-from socp.calls import aside, civil
 from socp.cli.options import build
-from socp.entries import Plugin, explain, origin
 from socp.errors import ContractError, SocpError
-from socp.registry import Registry
+from socp.process import heard, listens
+from socp.registry import Plugin, Registry, aside, civil, explain, origin
 
 if TYPE_CHECKING:
-    from socp.method import Method
-    from socp.nlp import Watch
-    from socp.problem import Problem
-    from socp.solution import Solution
+    from socp.methods import Method
+    from socp.model import Problem, Solution, Watch
 
 _OWN = "socp"  # the package whose plugins are socp's own: what fails there is a bug
 
@@ -33,8 +29,8 @@ def made(registry: Registry, name: str, given: Iterable[tuple[str, str]]) -> "Me
 
 
 def solved(registry: Registry, method: "Method", problem: "Problem", guess: "Solution", watch: "Watch") -> "Solution":
-    """Run a method as `socp.chain.run` does; what it must not do becomes a ContractError that names its plugin."""
-    from socp.chain import run
+    """Run a method as `socp.methods.chain.run` does; what it must not do becomes a ContractError that names its plugin."""
+    from socp.methods import run
 
     stranger = _stranger(registry, method.name)
     try:
@@ -45,7 +41,7 @@ def solved(registry: Registry, method: "Method", problem: "Problem", guess: "Sol
     except SocpError:
         raise
     except KeyboardInterrupt as error:
-        if interruption.heard() or not interruption.listens() or stranger is None:
+        if heard() or not listens() or stranger is None:
             raise
         raise _blamed(registry, method.name, error) from error
     except (Exception, SystemExit, GeneratorExit) as error:
@@ -74,7 +70,7 @@ def _blamed(registry: Registry, method: str, error: BaseException) -> Exception:
 
 def _strict(watch: "Watch") -> "Watch":
     """Return a watch that refuses what is no progress."""
-    from socp.nlp import Progress, silent
+    from socp.model import Progress, silent
 
     def see(now: Any, /) -> bool:
         if not isinstance(now, Progress):

@@ -17,9 +17,8 @@ from rich.text import Text
 from socp.cli.consoles import Shadow, console
 from socp.cli.streams import current, say
 from socp.errors import MethodError
-from socp.printable import file_stem, one_line, printable
+from socp.process import file_stem, one_line, printable, short
 from socp.registry import Registry
-from socp.telling import short
 
 _TEMPORARY = ".12345678.part"  # what a file's name is followed by while it is written
 _PIPED = 200  # columns of what is not read on a terminal

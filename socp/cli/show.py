@@ -10,13 +10,12 @@ from rich.table import Table
 from rich.text import Text
 
 from socp.cli import outcome
-from socp.cli.checking import lines, plain
+from socp.cli.commands.checking import lines, plain
 from socp.errors import MethodError
-from socp.verdict import EXTREMAL
+from socp.model import EXTREMAL
 
 if TYPE_CHECKING:
-    from socp.problem import Problem
-    from socp.solution import Feasibility, Solution
+    from socp.model import Feasibility, Problem, Solution
 
 MANY = 8  # more switching times of one control than this are counted, not listed
 
@@ -75,7 +74,7 @@ def to_reference(problem: "Problem", solution: "Solution") -> dict[str, Any] | N
 
 def same_word(problem: "Problem", solution: "Solution") -> bool | None:
     """Tell whether a solution has the word of the reference, None where that has no word."""
-    from socp.word import Word
+    from socp.model import Word
 
     if problem.reference is None or not problem.reference.word:
         return None
@@ -126,7 +125,7 @@ def agreed(solution: "Solution") -> list[str]:
 
     No digit is counted, and no switching time said to be known, beyond what the errors of the verdict leave.
     """
-    from socp.verdict import digits_of
+    from socp.model import digits_of
 
     found, verdict = solution.agreement, solution.verdict
     if found is None:

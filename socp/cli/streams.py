@@ -14,7 +14,7 @@ from typing import Any, TextIO, final
 
 import click
 
-from socp.aside import flush_library, flush_own, restore
+from socp.process import flush_library, flush_own, restore
 
 _OUT, _ERR = 1, 2
 _LOSSLESS = "socp-lossless"

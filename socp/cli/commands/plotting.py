@@ -1,0 +1,62 @@
+"""`socp plot`: a figure of a saved result."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+import click
+
+from socp.cli.commands.exporting import stem
+from socp.cli.opening import open_result, unknown
+from socp.cli.session import Exit, Session, writable
+from socp.errors import MethodError
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What `socp plot` was asked for."""
+
+    result: str
+    out: str | None
+    panels: str | None
+    width: float
+    stretch: bool
+    problem: str | None
+
+
+@click.command(short_help="Draw a figure of a saved result.")
+@click.argument("result", metavar="RESULT")
+@click.option("-o", "--out", metavar="FILE", help="File, .png, .svg or .pdf.  [default: RESULT.svg]")
+@click.option("--panels", metavar="NAME,...", help="Some of the panels below.  [default: all but hamiltonian]")
+@click.option("--width", type=click.FloatRange(2, 30), default=7.0, metavar="INCHES", help="Width.  [default: 7]")
+@click.option("--stretch", is_flag=True, help="Widen short arcs on the time axis.")
+@click.option("--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: that of the result]")
+@click.pass_obj
+def plot(session: Session, /, **given: Any) -> int:
+    """Draw controls with their arcs, switching functions, states, costates and the path of a saved result.
+
+    Panels: scene, controls, switching, states, costates, multipliers, hamiltonian. What is not known is left out:
+    bounds, switching functions, units and the scene need the problem. Below 5 inches they stand in one column.
+    """
+    from socp.model import write_atomic
+    from socp.view import DEFAULT, ENDINGS, check, draw, to_bytes
+
+    asked = Asked(**given)
+    if math.isnan(asked.width):
+        raise MethodError("--width nan: it must be a number of inches from 2 to 30")
+    path = writable(Path(asked.out or f"{stem(asked.result)}.svg"), "-o")
+    ending = path.suffix.removeprefix(".").lower()
+    if ending not in ENDINGS:
+        endings = ", ".join(f".{each}" for each in ENDINGS)
+        raise MethodError(f"-o {path}: it ends with '{path.suffix}'; figures end with {endings}")
+    panels = asked.panels.replace(" ", "").split(",") if asked.panels else DEFAULT
+    check(panels)
+    solution, problem = open_result(session, asked.result, asked.problem)
+    if problem is None:
+        session.note(f"no bounds and no scene: {unknown(solution)}")
+    figure = draw(solution, problem, panels, width=asked.width, stretch=asked.stretch)
+    write_atomic(path, to_bytes(figure, ending))
+    session.tell(path)
+    return Exit.SOLVED

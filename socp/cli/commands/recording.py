@@ -1,0 +1,150 @@
+"""`socp record`, `socp view`, and the options of other commands that record what they do."""
+
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from socp.cli.locking import alone
+from socp.cli.opening import open_result, unknown
+from socp.cli.session import Exit, Session, writable
+from socp.errors import MethodError, ProblemError, SolveError
+from socp.process import held
+from socp.registry import Registry
+
+if TYPE_CHECKING:
+    from socp.model import Problem, Progress, Watch
+    from socp.registry import Guarded
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+ENDING = ".rrd"
+_MAGIC = b"RRF2"  # what recordings begin with
+
+
+def record_option(command: Command) -> Command:
+    """Add `--record` to a command."""
+    return click.option("--record", metavar="FILE", help="Record the solve for rerun's viewer, in a file .rrd.")(
+        command
+    )
+
+
+def live_option(command: Command) -> Command:
+    """Add `--live` to a command."""
+    return click.option("--live", is_flag=True, help="Show the solve in rerun's viewer while it runs.")(command)
+
+
+@contextmanager
+def recording(
+    session: Session, registry: Registry, problem: "Problem", record: str | None, *, live: bool = False, runs: int = 1
+) -> "Iterator[Guarded]":
+    """Yield a recorder for the file and the viewer that were asked for; one without either records nothing.
+
+    What goes wrong with it becomes one warning. MethodError, before anything is solved, says why the file cannot be
+    written or that no plugin records.
+    """
+    from socp.registry import Guarded
+
+    path = None if record is None else _place(Path(record), "--record")
+    address = _viewer(session) if live else ""
+    if path is None and not address:
+        yield Guarded(None)
+        return
+    with alone(path):
+        recorder = registry.recorder(problem, path, address, runs)
+        try:
+            yield recorder
+        finally:
+            with held():
+                whole = recorder.close()
+            for line in recorder.complaints:
+                session.warn(line)
+        if whole and path is not None:
+            session.note(f"recording in {path}; see it with: socp view {path}")
+
+
+def told(watch: "Watch", recorder: "Guarded") -> "Watch":
+    """Return a watch that tells a recorder of the progress as well; the recorder never stops a solve."""
+    if recorder.recorder is None:
+        return watch
+
+    def see(now: "Progress", /) -> bool:
+        recorder(now)
+        return watch(now)
+
+    return see
+
+
+@click.command(short_help="Record a saved result for rerun's viewer.")
+@click.argument("result", metavar="RESULT")
+@click.option("-o", "--out", metavar="FILE", help="Recording.  [default: RESULT with the ending .rrd]")
+@click.option("--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: that of the result]")
+@click.pass_obj
+def record(session: Session, /, result: str, out: str | None, problem: str | None) -> int:
+    """Record a saved result: the file .rrd opens in rerun's viewer, with 'socp view'."""
+    name = Path(result).name.removesuffix(".json").removesuffix(".socp")
+    path = _place(Path(out or f"{name}{ENDING}"), "--out")
+    _record(session, result, problem, path)
+    session.tell(path)
+    return Exit.SOLVED
+
+
+@click.command(short_help="Open a recording or a saved result in rerun's viewer.")
+@click.argument("source", metavar="FILE")
+@click.option("--problem", metavar="FILE_OR_NAME", help="Problem of a result.  [default: its own]")
+@click.pass_obj
+def view(session: Session, /, source: str, problem: str | None) -> int:
+    """Open a recording .rrd, or a saved result, in rerun's native viewer, which listens on this computer alone."""
+    from socp.view.recording import viewer
+
+    path = Path(source)
+    if not path.is_file():
+        raise SolveError(f"{path}: there is no such file")
+    if _is_recording(path):
+        viewer.show(path)
+        return Exit.SOLVED
+    if path.suffix == ENDING:
+        raise SolveError(f"{path}: is no recording: it does not begin as one")
+    with tempfile.TemporaryDirectory(prefix="socp-") as folder:
+        made = Path(folder) / f"{path.name.removesuffix('.json').removesuffix('.socp')}{ENDING}"
+        _record(session, source, problem, made)
+        viewer.show(made)
+    return Exit.SOLVED
+
+
+def _record(session: Session, result: str, given: str | None, path: Path) -> None:
+    """Record a saved result; SolveError says why it cannot be, ProblemError that its problem is not known."""
+    registry = session.registry()
+    solution, problem = open_result(session, result, given, registry)
+    if problem is None:
+        raise ProblemError(f"{result}: {unknown(solution)}")
+    with alone(path):
+        recorder = registry.recorder(problem, path)
+        recorder.finish(problem, solution)
+        recorder.close()
+    if recorder.complaints:
+        raise SolveError(recorder.complaints[0])
+
+
+def _place(path: Path, option: str) -> Path:
+    """Return a path for a recording; MethodError where none can be, or where a result or the like may stand."""
+    if path.suffix not in {"", ENDING}:
+        raise MethodError(f"{option} {path}: it ends with '{path.suffix}'; recordings end with {ENDING}")
+    return writable(path, option, replaced=False)
+
+
+def _is_recording(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(_MAGIC)) == _MAGIC
+
+
+def _viewer(session: Session) -> str:
+    from socp.view.recording import viewer
+
+    try:
+        return viewer.ready()
+    except SolveError as error:
+        session.warn(f"--live: {error}")
+        return ""

@@ -1,0 +1,120 @@
+"""`socp solve`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, final
+
+import click
+
+from socp.cli.commands.recording import live_option, record_option, recording, told
+from socp.cli.keeping import Place, keep
+from socp.cli.options import DEFAULT_METHOD, pairs
+from socp.cli.outcome import outcome
+from socp.cli.progress import progress
+from socp.cli.running import made, solved
+from socp.cli.session import Exit, Session, heading, messages, named_after, show, writable, write_json
+from socp.cli.show import facts, report
+from socp.errors import MethodError, SolveError
+from socp.process import held
+from socp.registry import load_guess, load_problem
+
+if TYPE_CHECKING:
+    from socp.model import Problem, Solution
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What `socp solve` was asked for."""
+
+    problem: str
+    method: str
+    options: tuple[str, ...]
+    digits: int | None
+    max_switches: int | None
+    guess: str | None
+    out: str | None
+    record: str | None
+    live: bool
+    strict: bool
+    as_json: bool
+    quiet: bool
+
+    def shortened(self) -> list[tuple[str, str]]:
+        """Return the options of the method that have a name of their own on the command line."""
+        given = {"digits": self.digits, "max_switches": self.max_switches}
+        return [(name, str(value)) for name, value in given.items() if value is not None]
+
+
+@click.command(short_help="Solve a problem with one method and write the result file.")
+@click.argument("problem", metavar="FILE_OR_NAME")
+@click.option("-m", "--method", default=DEFAULT_METHOD, show_default=True, help="Method, see 'socp methods'.")
+@click.option("-o", "--option", "options", multiple=True, metavar="KEY=VALUE", help="See 'socp describe METHOD'.")
+@click.option("--digits", type=int, metavar="N", help="The same as -o digits=N: digits to agree on.")
+@click.option("--max-switches", type=int, metavar="N", help="The same as -o max_switches=N: where a control chatters.")
+@click.option("--guess", metavar="FILE", help="Start from a saved result.")
+@click.option("--out", metavar="FILE", help="Result file.  [default: PROBLEM.socp.json]")
+@click.option("--strict", is_flag=True, help="Exit code 1 unless the result is certified as an extremal.")
+@record_option
+@live_option
+@click.option("--json", "as_json", is_flag=True, help="Write the report as JSON.")
+@click.option("--quiet", is_flag=True, help="Write no progress and no messages.")
+@click.pass_obj
+def solve(session: Session, /, **given: Any) -> int:
+    """Solve a problem, given as a path, as path.py:name or as a registered name.
+
+    The report goes to standard output, progress and messages to standard error, the whole solution to the result file.
+
+    Exit code 0 if there is an answer: a certified extremal, or a feasible point at which the solver met its tolerances;
+    the report's outcome says which. With --strict a certified extremal only. Exit code 1 if the solver reached its
+    limit, failed, or ended at a point that misses the problem's conditions; the result is written all the same.
+    """
+    from socp.methods import default_guess
+
+    asked = Asked(**given)
+    session.quiet = asked.quiet
+    registry = session.registry()
+    session.complain(registry)
+    method = made(registry, asked.method, [*asked.shortened(), *pairs(asked.options)])
+    problem = load_problem(asked.problem, registry)
+    guess = _guess(asked.guess, problem) if asked.guess else default_guess(problem)
+    path = writable(Path(asked.out) if asked.out else named_after(problem.name, ".socp.json"))
+    with held(), recording(session, registry, problem, asked.record, live=asked.live) as recorder:
+        with progress(messages(), f"{problem.name}, {method.name}", quiet=asked.quiet) as watch:
+            solution = solved(registry, method, problem, guess, told(watch, recorder))
+        place = keep(problem, solution, path)
+        session.written.append(place.path)
+        recorder.finish(problem, solution)
+    with held():
+        _show(problem, solution, place.path, as_json=asked.as_json)
+    for line in registry.solved(problem, solution):
+        session.warn(line)
+    return _ended(session, solution, place, strict=asked.strict)
+
+
+def _ended(session: Session, solution: "Solution", place: Place, *, strict: bool) -> int:
+    """Say what else there is to know of a result, and return the exit code."""
+    place.check()
+    if place.said:
+        session.warn(place.said)
+    if solution.verdict is None:
+        session.note(f"interrupted before it was verified: the result is in {place.path}")
+        return Exit.INTERRUPTED
+    if solution.stop.name == "INTERRUPTED":
+        session.note(f"interrupted: the last iterate is in {place.path}")
+        return Exit.INTERRUPTED
+    return outcome(solution).code(strict=strict)
+
+
+def _show(problem: "Problem", solution: "Solution", path: Path, *, as_json: bool) -> None:
+    if as_json:
+        write_json({**facts(problem, solution), "result": str(path)})
+        return
+    show(heading(problem.name, problem.title), report(problem, solution, str(path)))
+
+
+def _guess(path: str, problem: "Problem") -> "Solution":
+    try:
+        return load_guess(path, problem)
+    except SolveError as error:
+        raise MethodError(f"--guess {error}") from error

@@ -1,0 +1,248 @@
+"""`socp census` and `socp frontier`: many solves of one problem, one table."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, final
+
+import click
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from socp.cli.keeping import Place, keep
+from socp.cli.progress import progress
+from socp.cli.session import Exit, Session, heading, messages, named_after, show, writable, write_json
+from socp.cli.show import small, switching, times
+from socp.errors import KeepingError, SolveError
+from socp.process import held
+from socp.registry import Registry, load_problem
+
+if TYPE_CHECKING:
+    from socp.model import Problem, Solution
+    from socp.study import Census, Cluster, Frontier
+
+
+@final
+@dataclass(frozen=True)
+class Named:
+    """A problem by path or name, for worker processes, which load it themselves."""
+
+    given: str
+
+    def __call__(self) -> "Problem":
+        """Load the problem."""
+        return load_problem(self.given, Registry.load(only=()))
+
+
+@click.command(short_help="Find a problem's extremals from many starts, print a table.")
+@click.argument("problem", metavar="FILE_OR_NAME")
+@click.option("--starts", default=20, show_default=True, type=click.IntRange(1, 10_000), help="Number of starts.")
+@click.option("-j", "--jobs", default=1, show_default=True, type=click.IntRange(1, 1024), help="Worker processes.")
+@click.option("--out", metavar="FILE", help="Result file of the best one.  [default: PROBLEM.socp.json]")
+@click.option("--json", "as_json", is_flag=True, help="Write the table as JSON.")
+@click.option("--quiet", is_flag=True, help="Write no progress and no messages.")
+@click.pass_obj
+def census(session: Session, /, **given: Any) -> int:
+    """Solve a problem from many starts and print the extremals that they end in; the best one is the result.
+
+    Finished starts are kept in a directory beside the result, PROBLEM.census: the same command goes on where it was
+    interrupted, and more starts add to the ones that are there.
+    """
+    from socp.methods import versions
+    from socp.model import useful
+    from socp.study import Kept, fingerprint, recipe, survey
+
+    session.quiet, starts = given["quiet"], given["starts"]
+    posed = load_problem(given["problem"], session.registry(plugins=False))
+    useful(posed)
+    path = writable(Path(given["out"]) if given["out"] else named_after(posed.name, ".socp.json"))
+    kept = Kept(path.parent / named_after(posed.name, ".census"), fingerprint(posed, recipe()))
+    with progress(messages(), f"{posed.name}, census", quiet=session.quiet) as watch:
+        found = survey(posed, starts, kept, watch, (given["jobs"], Named(given["problem"])))
+    with held():
+        best, place = found.best, None
+        if best is not None:
+            place = keep(posed, replace(best, options={"starts": starts}, versions=versions()), path)
+            session.written.append(place.path)
+    with held():
+        if given["as_json"]:
+            write_json({**_facts(posed, found), "result": str(place.path) if place else None})
+        else:
+            result = [Text(f"result  {place.path}")] if place else []
+            show(heading(posed.name, posed.title), *_tables(found), *result)
+    for number in found.died:
+        session.warn(f"start {number}: its worker process died")
+    _say(session, place)
+    if found.unkept:
+        raise KeepingError(f"{found.unkept}; the table counts them, but another census begins anew")
+    if found.interrupted:
+        where = "finished" if found.unkept else f"kept in {kept.folder}"
+        session.note(f"interrupted: {len(found.outcomes)} of {starts} starts are {where}")
+        return Exit.INTERRUPTED
+    return Exit.SOLVED if found.extremals else Exit.UNSOLVED
+
+
+def _say(session: Session, place: Place | None) -> None:
+    """Say where a result is, if it is not where it was to be."""
+    if place is not None:
+        place.check()
+        if place.said:
+            session.warn(place.said)
+
+
+def _facts(problem: "Problem", found: "Census") -> dict[str, Any]:
+    return {
+        "problem": problem.name, "title": problem.title, "starts": found.wanted, "finished": len(found.outcomes),
+        "extremals": [_record(each) for each in found.extremals],
+        "uncertified": [_record(each) for each in found.others],
+        "failed": [{"start": each.number, "about": each.about, "error": each.error} for each in found.failed],
+        "died": found.died, "interrupted": found.interrupted,
+    }  # fmt: skip
+
+
+def _record(cluster: "Cluster") -> dict[str, Any]:
+    return {**_solved(cluster.solution), "starts": cluster.starts}
+
+
+def _solved(solution: "Solution") -> dict[str, Any]:
+    verdict = solution.verdict
+    return {
+        "objective": solution.objective, "final_time": solution.final_time, "word": solution.word,
+        "switching_times": switching(solution), "extremal": bool(solution.extremal),
+        "residual": verdict.residual if verdict else None, "miss": verdict.miss if verdict else None,
+        "reasons": verdict.reasons if verdict else (),
+    }  # fmt: skip
+
+
+def _tables(found: "Census") -> list[Table | Text]:
+    """Return the table of extremals, that of other local solutions, and what became of the starts."""
+    parts: list[Table | Text] = []
+    if found.extremals:
+        parts.append(_table("Certified extremals", found.extremals))
+    if found.others:
+        parts.append(_table("Not certified", found.others))
+    count = len(found.outcomes)
+    certified = sum(len(each.starts) for each in found.extremals)
+    sentence = f"{count} of {found.wanted} starts finished, {certified} of them in a certified extremal"
+    for number, what in ((len(found.failed), "led nowhere"), (len(found.died), "lost with their worker process")):
+        sentence += f", {number} {what}" if number else ""
+    return [*parts, Text(sentence)]
+
+
+def _framed(title: str, columns: Sequence[tuple[str, bool]]) -> Table:
+    """Return an empty table with columns, each with whether it is of numbers."""
+    table = Table(title=Text(title), title_justify="left", header_style="bold", box=box.SIMPLE_HEAD)
+    for head, numbers in columns:
+        table.add_column(head, justify="right" if numbers else "left", overflow="fold")
+    return table
+
+
+def _table(title: str, clusters: "Sequence[Cluster]") -> Table:
+    table = _framed(title, (("objective", True), ("word", False), ("switching times", False)))
+    for head in ("starts", "residual"):
+        table.add_column(head, justify="right", no_wrap=True)
+    for cluster in clusters:
+        table.add_row(*map(Text, _cells(cluster.solution, len(cluster.starts)).values()))
+    return table
+
+
+def _cells(solution: "Solution", starts: int) -> Mapping[str, str]:
+    verdict = solution.verdict
+    return {
+        "objective": f"{solution.objective:.10g}",
+        "word": "\n".join(solution.word.split("; ")),
+        "switching times": "\n".join(f"{name}: {times(each, 7)}" for name, each in switching(solution).items()),
+        "starts": str(starts),
+        "residual": small(verdict.residual) if verdict else "-",
+    }
+
+
+@click.command(short_help="Find the best objective for every number of switches, print a table.")
+@click.argument("problem", metavar="FILE_OR_NAME")
+@click.option("--max-switches", "most", required=True, type=click.IntRange(0, 100), help="Largest number of switches.")
+@click.option("--dwell", default=0.0, show_default=True, type=click.FloatRange(min=0.0),
+              help="Least time between two switches, and from the ends.")  # fmt: skip
+@click.option("--out", metavar="FILE", help="Result file of the best one.  [default: PROBLEM.socp.json]")
+@click.option("--json", "as_json", is_flag=True, help="Write the table as JSON.")
+@click.option("--quiet", is_flag=True, help="Write no progress and no messages.")
+@click.pass_obj
+def frontier(session: Session, /, **given: Any) -> int:
+    """Solve the words of a problem with few switches and print the best objective for every number of switches.
+
+    A switch is a time at which any of the controls changes its mode. The best solution is the result.
+    """
+    from socp.methods import versions
+    from socp.model import useful
+    from socp.study import best_by_switches as search
+    from socp.study import explore
+
+    session.quiet = given["quiet"]
+    posed = load_problem(given["problem"], session.registry(plugins=False))
+    useful(posed)
+    path = writable(Path(given["out"]) if given["out"] else named_after(posed.name, ".socp.json"))
+    most, dwell = given["most"], given["dwell"]
+    with progress(messages(), f"{posed.name}, frontier", quiet=session.quiet) as watch:
+        first = explore(posed, 0, watch)
+        if first.solution is None:
+            raise SolveError(f"{posed.name}: no direct solution to begin with: {first.error}")
+        found = search(posed, most, first.solution, dwell, watch=watch)
+    best, place = found.best, None
+    with held():
+        if best is not None:
+            options = {"max_switches": most, "dwell": dwell}
+            place = keep(posed, replace(best, method="frontier", options=options, versions=versions()), path)
+            session.written.append(place.path)
+    with held():
+        if given["as_json"]:
+            write_json({**_ladder(posed, found), "dwell": dwell, "result": str(place.path) if place else None})
+        else:
+            result = [Text(f"result  {place.path}")] if place else []
+            show(heading(posed.name, posed.title), _rows(found), Text(_words(found)), *result)
+    _say(session, place)
+    if found.interrupted:
+        session.note("interrupted: the table is of the words solved before")
+        return Exit.INTERRUPTED
+    return Exit.SOLVED if best is not None else Exit.UNSOLVED
+
+
+def _ladder(problem: "Problem", found: "Frontier") -> dict[str, Any]:
+    """Return a frontier as plain values."""
+    rows = []
+    for n, solution in enumerate(found.rows):
+        more = {} if solution is None else {**_solved(solution), "gap": _gap(found, solution)}
+        rows.append({"switches": n, "objective": None, **more})
+    return {
+        "problem": problem.name, "title": problem.title, "rows": rows, "words": found.words, "every": found.every,
+        "interrupted": found.interrupted,
+    }  # fmt: skip
+
+
+def _rows(found: "Frontier") -> Table:
+    table = _framed("Best objective with at most so many switches", (("switches", True), ("word", False)))
+    for head in ("objective", "gap"):
+        table.add_column(head, justify="right", no_wrap=True)
+    table.add_column("verdict", overflow="fold")
+    for n, solution in enumerate(found.rows):
+        if solution is None:
+            table.add_row(str(n), "-", "no feasible word found", "", "")
+            continue
+        word, gap = Text("\n".join(solution.word.split("; "))), _gap(found, solution)
+        verdict = solution.verdict.reasons if solution.verdict else ("not judged",)
+        said = Text(verdict[0] if verdict else "extremal")
+        table.add_row(str(n), word, f"{solution.objective:.12g}", small(gap), said)
+    return table
+
+
+def _gap(found: "Frontier", solution: "Solution") -> float:
+    """Return how far a solution is above the best one."""
+    return solution.objective - (found.best.objective if found.best else solution.objective)
+
+
+def _words(found: "Frontier") -> str:
+    from socp.study import distinct, limit
+
+    end = limit(distinct(found))
+    tends = "" if end is None else f"; Aitken's extrapolation of the last three objectives is {end:.12g}"
+    which = "all there are" if found.every else "not all there are"
+    return f"{found.words} words solved, {which}{tends}"

@@ -1,0 +1,233 @@
+"""Admissible points, moved onto the surfaces on which a law has to hold: they decide what is zero there."""
+
+from collections.abc import Callable
+from weakref import WeakKeyDictionary
+
+import casadi
+import numpy as np
+
+from socp.laws.drawing import ends, reached
+from socp.model import Expr, Problem, time
+
+COUNT = 24  # points; a false "zero" would need chance to strike at most of them
+_MANY = 240  # points where COUNT of them are too few: what is looked for may lie in a corner of the states
+_DECADES = 4.0  # of sizes over which states are scattered
+_PASSES = 60  # Gauss-Newton steps at most; from afar each may move no further than the states spread
+_INERTIA = 0.1  # of states against costates: the costate moves first, the state only where it has to
+_PATIENCE = 8  # steps after which half of the points are enough, and after which a point must have come nearer
+_PROGRESS = 0.9  # of the residual so many steps before: a point with more is stuck where the surface is not
+_TOUCH = 1e-6  # of its spread: a state as near to a bound still moves by as much
+_CLOSE = 1e-11  # residual, relative to the size of its terms, of a point that lies on the surface
+_NUDGE = 1e-7  # relative perturbation that tells a number from round-off: a number hardly changes, round-off does
+_FAR = 1e3  # spreads: a point moved further than this lies where the problem does not live
+
+Evaluate = Callable[[np.ndarray], tuple[np.ndarray, ...]]
+_BASES: WeakKeyDictionary[Problem, dict[int, np.ndarray]] = WeakKeyDictionary()
+_SPREADS: WeakKeyDictionary[Problem, np.ndarray] = WeakKeyDictionary()
+_NOTED: WeakKeyDictionary[Problem, list[np.ndarray]] = WeakKeyDictionary()
+
+
+def symbols(problem: Problem) -> Expr:
+    """Return all that a point gives values to: t, x, p, the costate and the controls, as one column (nv, 1)."""
+    return casadi.vertcat(time, problem.x, problem.p, problem.costate, problem.u)
+
+
+def evaluator(problem: Problem, *expressions: Expr) -> Evaluate:
+    """Return a function of points (nv, n) that gives an array (n, rows, columns) for every expression."""
+    function = casadi.Function("e", [symbols(problem)], [casadi.densify(casadi.SX(e)) for e in expressions])
+
+    def evaluate(points: np.ndarray) -> tuple[np.ndarray, ...]:
+        n = points.shape[1]
+        if not n:  # casadi maps over one column at least
+            return tuple(np.empty((0, *e.shape)) for e in shaped)
+        results = function.map(n)(points)
+        listed = results if isinstance(results, tuple) else (results,)
+        return tuple(
+            np.array(r.full()).reshape(e.shape[0], n, e.shape[1]).transpose(1, 0, 2)
+            for r, e in zip(listed, shaped, strict=True)
+        )
+
+    shaped = [casadi.SX(e) for e in expressions]
+    return evaluate
+
+
+def spread(problem: Problem) -> np.ndarray:
+    """Return how much every symbol (nv,) varies over the admissible points; where it does not, a bit of its size."""
+    if problem not in _SPREADS:
+        points = admissible(problem)
+        size = np.sqrt(np.mean(points**2, axis=1))
+        varies = points.std(axis=1)
+        _SPREADS[problem] = np.where(varies > 1e-9 * size, varies, 1e-3 * np.where(size > 0, size, 1.0))
+    return _SPREADS[problem]
+
+
+def admissible(problem: Problem, count: int = COUNT) -> np.ndarray:
+    """Return points (nv, count) that random bang controls reach from the start, with random costates and controls."""
+    known = _BASES.setdefault(problem, {})
+    if count not in known:
+        known[count] = reached(problem, count)
+    return known[count].copy()
+
+
+def scattered(problem: Problem) -> np.ndarray:
+    """Return many points (nv, n), states of two in three nearer to where they start, or to their bound or else zero.
+
+    Each is nearer by a random power of ten: rates that saturate, of growth or of a reaction, bend where their state is
+    small, and motions seldom stay there.
+    """
+    points, nx = admissible(problem, _MANY), problem.x.numel()
+    start, low = ends(problem)[0], problem.state_box[0]
+    random = np.random.default_rng(4)
+    for k, place in enumerate((start, np.where(np.isfinite(low), low, 0.0))):
+        away = points[1 : 1 + nx, k::3] - place[:, None]
+        points[1 : 1 + nx, k::3] = place[:, None] + away * 10.0 ** random.uniform(-_DECADES, 0.0, away.shape)
+    return points
+
+
+def note(problem: Problem, points: np.ndarray) -> None:
+    """Keep points (nv, n) that a solution of the problem shows: laws are looked for from them too."""
+    _NOTED.setdefault(problem, []).append(points)
+
+
+def noted(problem: Problem) -> tuple[np.ndarray, ...]:
+    """Return the points (nv, n) kept of solutions, the latest first."""
+    return tuple(reversed(_NOTED.get(problem, [])))
+
+
+def onto(
+    problem: Problem, equations: Expr, points: np.ndarray, *, interior: bool = False, far: float = _FAR
+) -> np.ndarray:
+    """Move points (nv, n) in state and costate onto `equations` = 0 (m, 1); return those that arrive (nv, k).
+
+    They arrive if they have not moved `far`, in spreads of each symbol. Points within the state bounds are preferred:
+    others are returned only where there are none within. In the `interior` states are measured by how far they are from
+    their bounds, as interior point methods do: where a population or a concentration is zero much vanishes, and no law
+    holds.
+    """
+    if not equations.numel() or not points.shape[1]:
+        return points
+    first = 1 + problem.x.numel() + problem.p.numel()
+    movable = np.r_[1 : 1 + problem.x.numel(), first : first + problem.x.numel()]
+    evaluate = evaluator(problem, equations, casadi.jacobian(equations, symbols(problem)[movable.tolist()]))
+    size, start = spread(problem)[movable], points[movable]
+    weights = np.where(np.arange(size.size) < problem.x.numel(), _INERTIA * size, size)[:, None]
+    room = _room(problem) if interior else None
+    points, arrived = points.copy(), np.zeros(points.shape[1], dtype=bool)
+    active, before = np.arange(points.shape[1]), np.full(points.shape[1], np.inf)
+    for k in range(_PASSES):
+        weight = weights if room is None else np.minimum(weights, room(points[:, active]))
+        there, step, left = _newton(evaluate, points[:, active], weight)
+        points[np.ix_(movable, active)] += step  # of those that are there once more: the error squares
+        arrived[active[there]] = True
+        stays = ~there
+        if k % _PATIENCE == _PATIENCE - 1:
+            stays &= left < _PROGRESS * before[active]
+            before[active] = left
+        active = active[stays]
+        if not active.size or (k >= _PATIENCE and arrived.mean() > 0.5):
+            break
+    if not arrived.any():
+        return points[:, :0]
+    arrived &= (np.abs(points[movable] - start) <= far * size[:, None]).all(axis=0)
+    if room is not None:  # an arc on a bound is a boundary arc
+        arrived &= (room(points)[: problem.x.numel()] > _INERTIA * _TOUCH * size[: problem.x.numel(), None]).all(axis=0)
+    return _within(problem, points[:, arrived])
+
+
+def touching(problem: Problem, held: Expr) -> np.ndarray:
+    """Return admissible points (nv, k) on state equations `held` = 0 (m, 1), however far they have to be moved."""
+    points = admissible(problem)
+    near = onto(problem, held, points)
+    if near.shape[1]:
+        return near
+    for k, value in fixed(problem, held).items():
+        points[1 + k] = value
+    return onto(problem, held, points, far=np.inf)
+
+
+def fixed(problem: Problem, held: Expr) -> dict[int, float]:
+    """Return the states, by number, that equations `held` (m, 1) fix one by one, as v = 2 does, and their values."""
+    found = {}
+    for e in casadi.vertsplit(held) if held.numel() else []:
+        inside = casadi.symvar(e)
+        if len(inside) == 1 and casadi.depends_on(problem.x, inside[0]):
+            slope = casadi.simplify(casadi.jacobian(e, inside[0]))
+            if slope.is_constant():
+                state = problem.state_names.index(inside[0].name())
+                found[state] = float(-casadi.substitute(e, inside[0], 0) / slope)
+    return found
+
+
+def nonzero(problem: Problem, expression: Expr, points: np.ndarray) -> np.ndarray:
+    """Tell for every entry of an expression (rows, columns) whether it differs from zero at most of the points.
+
+    An entry counts as zero where a tiny change of the point changes it by its own size: it is round-off, or vanishes
+    on the surface that the points lie on.
+    """
+    if not expression.nnz() or not points.shape[1]:
+        return np.zeros(expression.shape, dtype=bool)
+    evaluate = evaluator(problem, expression)
+    return generic(problem, lambda at: evaluate(at)[0], points)
+
+
+def generic(problem: Problem, value: Callable[[np.ndarray], np.ndarray], points: np.ndarray) -> np.ndarray:
+    """Tell for every entry of value(points) (n, ...) whether it is a number, not round-off, at most of the points."""
+    most: np.ndarray = real(problem, value, points).mean(axis=0) > 0.5
+    return most
+
+
+def real(problem: Problem, value: Callable[[np.ndarray], np.ndarray], points: np.ndarray) -> np.ndarray:
+    """Tell for every entry of value(points) (n, ...) at every point whether it is a number, not round-off."""
+    random, n = np.random.default_rng(1), points.shape[1]
+    size = spread(problem)[:, None]  # not of these points, on which a symbol may be round-off itself
+    moved = [points + _NUDGE * size * random.standard_normal(points.shape) for _ in range(4)]
+    values = value(np.hstack([points, *moved]))
+    base = values[:n]
+    found: np.ndarray = np.isfinite(base) & (base != 0)
+    with np.errstate(invalid="ignore"):
+        for k in range(1, 5):
+            found &= np.abs(values[k * n : (k + 1) * n] - base) < 1e-2 * np.abs(base)
+    return found
+
+
+def _room(problem: Problem) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a function of points (nv, n): the step (m, n) in states and costates that is half the way to bounds."""
+    nx, (low, high) = problem.x.numel(), (side[:, None] for side in problem.state_box)
+    least = _TOUCH * spread(problem)[1 : 1 + nx, None]
+
+    def room(points: np.ndarray) -> np.ndarray:
+        x = points[1 : 1 + nx]
+        nearest = np.maximum(np.minimum(np.abs(x - low), np.abs(high - x)), least)
+        return np.vstack([_INERTIA * nearest / 2, np.full((nx, points.shape[1]), np.inf)])
+
+    return room
+
+
+def _newton(evaluate: Evaluate, points: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return which points lie on the surface (n,), the steps (m, n), and residuals (n,) relative to their terms.
+
+    Steps are measured by the sizes `weight` (m, n) of the symbols that may move.
+    """
+    with np.errstate(all="ignore"):
+        value, slope = evaluate(points)
+        value, scaled = value[:, :, 0], slope * weight.T[:, None, :]
+        terms = np.abs(scaled).sum(axis=2)
+        arrived = (np.abs(value) <= _CLOSE * terms).all(axis=1)
+        rows = np.where(terms > 0, terms, 1.0)
+        finite = np.isfinite(value).all(axis=1) & np.isfinite(scaled).all(axis=(1, 2))
+        matrix = np.where(finite[:, None, None], scaled / rows[:, :, None], 0.0)
+        right = np.where(finite[:, None], value / rows, 0.0)
+        step = -np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=1e-9), right)
+        length = np.linalg.norm(step, axis=1, keepdims=True)
+        step *= np.minimum(1.0, 1.0 / (_INERTIA * length).clip(1e-300))
+    return arrived & finite, step.T * weight, np.linalg.norm(right, axis=1)
+
+
+def _within(problem: Problem, points: np.ndarray) -> np.ndarray:
+    low, high = problem.state_box
+    x = points[1 : 1 + problem.x.numel()]
+    if not points.shape[1]:
+        return points
+    slack = 1e-8 * spread(problem)[1 : 1 + problem.x.numel(), None]
+    inside = ((x >= low[:, None] - slack) & (x <= high[:, None] + slack)).all(axis=0)
+    return points[:, inside] if inside.any() else points

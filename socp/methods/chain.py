@@ -1,0 +1,105 @@
+"""The chain from a method to a judged solution: solve, read the structure, re-integrate, certify."""
+
+import platform
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+from socp.errors import ContractError
+from socp.laws import check_laws
+from socp.methods.contract import Method, check_options, options
+from socp.model import Arc, Problem, Solution, Stop, Watch, silent, useful
+from socp.process import breakable, give_way, held
+from socp.verdict import carrying, judge
+
+
+def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
+    """Solve with a method and return its solution stamped with name, options and versions, verified and judged.
+
+    Ctrl-C while it is judged gives the solution without a verdict.
+    Raises MethodError for options out of range and for what the method cannot try, ProblemError for a wrong
+    user-given law and for controls that have no use, ContractError for a method that returns no solution of it.
+    """
+    check_options(method)
+    useful(problem)
+    check_laws(problem)
+    solved: list[Solution] = []
+    try:
+        with breakable():
+            give_way()
+            solved.append(method.solve(problem, guess, watch))
+    except KeyboardInterrupt:
+        if not solved:
+            raise
+    with held():  # what has been solved is not lost for want of a judgement
+        solution = checked(method.name, problem, solved[0])
+        solution = replace(solution, method=method.name, options=described(method), versions=versions())
+        solution = carrying(problem, solution)
+        with suppress(KeyboardInterrupt), breakable():
+            return judge(problem, solution)
+    return solution
+
+
+def checked(method: str, problem: Problem, found: Any) -> Solution:
+    """Return what a method returned, if it can be a solution of the problem; ContractError says why it cannot."""
+    if not isinstance(found, Solution):
+        raise ContractError(f"method '{method}': solve returned {_what(found)}, where a Solution is needed")
+    fault = next(_faults(problem, found), "")
+    if fault:
+        raise ContractError(f"method '{method}': solve returned a Solution that is none of this problem: {fault}")
+    return found
+
+
+def _what(found: Any) -> str:
+    kind = type(found).__name__
+    return "nothing" if found is None else f"{'an' if kind[0].lower() in 'aeiou' else 'a'} {kind}"
+
+
+def _faults(problem: Problem, solution: Any) -> Iterator[str]:
+    if not isinstance(solution.stop, Stop):
+        yield f"its stop is {solution.stop!r}, not a Stop"
+    if isinstance(solution.objective, bool) or not isinstance(solution.objective, (int, float)):
+        yield f"its objective is {_what(solution.objective)}, not a number"
+    if not isinstance(solution.arcs, tuple) or not solution.arcs:
+        yield "its arcs are no tuple of at least one Arc"
+        return
+    names = {"x": problem.state_names, "u": problem.control_names, "costate": problem.state_names}
+    arcs: tuple[Any, ...] = solution.arcs
+    for arc in arcs:
+        if not isinstance(arc, Arc):
+            yield f"among its arcs is {_what(arc)}"
+            return
+        for which, wanted in names.items():
+            shape = np.shape(getattr(arc, which))
+            if shape != (len(wanted), np.size(arc.t)):
+                yield f"{which} of an arc has shape {shape}, where {(len(wanted), np.size(arc.t))} is needed"
+    if (solution.state_names, solution.control_names) != (problem.state_names, problem.control_names):
+        yield f"its states and controls are {solution.state_names} and {solution.control_names}"
+
+
+def described(method: Method) -> dict[str, Any]:
+    """Return the options of a method as plain values, those of a backend under its name: `ipopt.tol`."""
+    found: dict[str, Any] = {}
+    for each in options(type(method)):
+        value = getattr(method, each.name)
+        if isinstance(value, (str, int, float, bool, type(None))):
+            found[each.name] = value
+        else:
+            name = type(value).__name__.lower()
+            found |= {each.name: name, **{f"{name}.{k}": v for k, v in getattr(value, "options", {}).items()}}
+    return found
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python, socp and what computes for it."""
+    found = {"python": platform.python_version()}
+    for name in ("socp", "casadi", "numpy", "scipy"):
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = "unknown"
+    return found

@@ -1,0 +1,146 @@
+"""Methods: the one abstract class of the plugin contract, its options, and the solve that most methods share."""
+
+import abc
+import math
+import numbers
+import time
+from collections.abc import Sequence
+from dataclasses import MISSING, Field, field, fields, replace
+from types import NoneType
+from typing import Any, ClassVar, get_args, get_type_hints
+
+from socp.errors import MethodError
+from socp.model import Problem, Progress, Solution, Stop, Watch, is_number, silent
+from socp.process import shown
+from socp.solvers import NLP, Backend, NLPPoint, Reduced
+from socp.transcription import Mesh, PhasedProblem, collocate
+
+LARGEST = 100_000  # steps, points or arcs: programmes of more do not fit into memory
+WANTED = {int: "a whole number", float: "a number", bool: "true or false", str: "a text"}  # by type
+
+_LONGER = (2.0, 5.0, 12.0)  # horizons tried, over the guessed one; the guess is of the right order of magnitude
+
+
+class Method(abc.ABC):
+    """A way to solve problems; concrete methods are final frozen dataclasses whose fields are their options.
+
+    Fields are made by `option`; `source` names the paper the method comes from.
+    """
+
+    name: ClassVar[str]
+    source: ClassVar[str]
+
+    @abc.abstractmethod
+    def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
+        """Solve from a guess; a solver that fails gives a Solution with its `stop`.
+
+        Raises MethodError for what cannot be tried.
+        """
+
+
+def option(default: Any, doc: str, *, least: float | None = None, most: float | None = None) -> Any:
+    """Declare an option of a method: its default, one line for the user, the least and the greatest value allowed.
+
+    A whole number without a greatest value of its own is at most `LARGEST`.
+    """
+    return field(default=default, metadata={"doc": doc, "least": least, "most": most})
+
+
+def options(method: type[Method]) -> tuple[Field[Any], ...]:
+    """Return the options of a method as dataclass fields."""
+    return fields(method)  # type: ignore[arg-type]
+
+
+def check_options(method: Method) -> None:
+    """Raise MethodError for an option of a wrong type or out of its range."""
+    hints = get_type_hints(type(method))
+    for each in options(type(method)):
+        value, kinds = getattr(method, each.name), get_args(hints[each.name]) or (hints[each.name],)
+        place = f"{method.name}: {each.name}"
+        kind = next((kind for kind in kinds if isinstance(kind, type) and kind in WANTED), None)
+        if kind is None or (value is None and NoneType in kinds):
+            continue
+        if not _of(value, kind):
+            finite = ", finite" if kind is float else ""
+            raise MethodError(f"{place}={shown(value)}, but it should be {WANTED[kind]}{finite}")
+        if kind in {int, float}:
+            _in_range(place, value, each, whole=kind is int)
+
+
+def allowed(each: Field[Any], *, whole: bool) -> tuple[float | None, float | None]:
+    """Return the least and the greatest value of an option that is a number, None where there is no limit."""
+    least, most = each.metadata.get("least"), each.metadata.get("most")
+    return least, LARGEST if most is None and whole else most
+
+
+def _of(value: Any, kind: type) -> bool:
+    """Tell whether a value can stand for an option of a type; a flag is no number, and no number is infinite."""
+    if isinstance(value, bool) or kind is bool:
+        return isinstance(value, bool) and kind is bool
+    if kind is float:
+        return is_number(value) and math.isfinite(value)
+    return isinstance(value, numbers.Integral if kind is int else kind)
+
+
+def _in_range(place: str, value: float, each: Field[Any], *, whole: bool) -> None:
+    least, most = allowed(each, whole=whole)
+    if least is not None and value < least:
+        raise MethodError(f"{place}={shown(value)}, but it must be at least {least}")
+    if most is not None and value > most:
+        raise MethodError(f"{place}={shown(value)}, but it must be at most {most}")
+
+
+def solve_collocated(
+    phased: PhasedProblem, meshes: Sequence[Mesh], backend: Backend, guess: Solution, watch: Watch = silent,
+    *, longer: bool = True,
+) -> Solution:  # fmt: skip
+    """Transcribe a phased problem on one mesh a phase, solve it with a backend, and lift the point.
+
+    Unless `longer` is false: a solver that shortens a free horizon too eagerly gets caught where no control can meet
+    the ends any more. Then the ends are met with longer horizons held fixed first, and the horizon is set free there.
+    """
+    solution = _attempt(phased, meshes, backend, guess, watch)
+    low, high = phased.of.final_time_box
+    if not longer or solution.stop not in {Stop.INFEASIBLE, Stop.FAILED} or low == high:
+        return solution
+    for factor in _LONGER:
+        held = guess.initial_time + factor * (guess.final_time - guess.initial_time)
+        if not low <= held <= high:
+            continue
+        fixed = replace(phased, of=replace(phased.of, final_time=held))
+        met = _attempt(fixed, meshes, backend, guess, watch).after(solution)
+        if met.stop is Stop.INTERRUPTED:
+            return met
+        if met.stop.ok:
+            again = _attempt(phased, meshes, backend, met, watch).after(met)
+            return again if again.stop.ok else solution
+    return solution
+
+
+def _attempt(
+    phased: PhasedProblem, meshes: Sequence[Mesh], backend: Backend, guess: Solution, watch: Watch
+) -> Solution:
+    began = time.perf_counter()
+    reduced = collocate(phased, meshes)
+    start = reduced.push(guess)
+    transcribed = time.perf_counter() - began
+    point = backend(reduced.problem, start, lifted(watch, reduced))
+    solution = reduced.lift(point)
+    return replace(solution, seconds={**point.seconds, "build": point.seconds.get("build", 0.0) + transcribed})
+
+
+def lifted(watch: Watch, reduced: Reduced[NLP, Solution, NLPPoint]) -> Watch:
+    """Return a watch whose progress can be lifted to the solution that it stands for; a silent one stays silent."""
+    if watch is silent:
+        return silent
+
+    def see(now: Progress, /) -> bool:
+        v = now.v
+        return watch(now if v is None else replace(now, iterate=lambda: reduced.lift(NLPPoint(v=v))))
+
+    return see
+
+
+def required(each: Field[Any]) -> bool:
+    """Tell whether an option has no default."""
+    return each.default is MISSING

@@ -1,0 +1,51 @@
+"""Scouting: coarse direct solves from scattered guesses, to find the extremals of a problem and which one is best."""
+
+from collections.abc import Iterator
+from itertools import islice
+
+from socp.errors import SolveError
+from socp.methods.contract import lifted
+from socp.methods.guess import scattered
+from socp.model import Problem, Solution, Stop, Watch, silent
+from socp.solvers import Ipopt
+from socp.transcription import collocate, radau_iia, single_phase, uniform
+
+_STEPS = 20  # intervals: the extremals of a problem differ by more than these are off
+_BACKEND = Ipopt({"tol": 1e-6, "max_iter": 150})  # to tell extremals apart takes no digits
+_ALIKE = 1e-3  # relative: objectives of one extremal from different starts differ by rounding; of two, clearly
+_MET = 3  # starts that end in the best extremal known before it is believed to be the best
+
+
+def scouts(problem: Problem, guess: Solution, starts: int, watch: Watch = silent) -> list[Solution]:
+    """Return one coarse solution for every extremal met from the guess and scattered ones, best first.
+
+    At most `starts` guesses are tried, none for 0; it ends once the best extremal has been met three times. An
+    interrupted solve is returned alone.
+    """
+    reduced = collocate(single_phase(problem), [uniform(radau_iia(2), _STEPS)])
+    met: list[tuple[Solution, int]] = []
+    for start in islice(_guesses(problem, guess), starts):
+        try:
+            found = reduced.lift(_BACKEND(reduced.problem, reduced.push(start), lifted(watch, reduced)))
+        except SolveError:
+            continue
+        if found.stop is Stop.INTERRUPTED:
+            return [found]
+        if found.stop.ok:
+            met = counted(met, found)
+        if met and met[0][1] >= _MET:
+            break
+    return [solution for solution, _ in met]
+
+
+def _guesses(problem: Problem, guess: Solution) -> Iterator[Solution]:
+    yield guess
+    yield from scattered(problem, guess)
+
+
+def counted(met: list[tuple[Solution, int]], found: Solution) -> list[tuple[Solution, int]]:
+    """Count one more solution among those met, clustered by objective, best first."""
+    for k, (known, count) in enumerate(met):
+        if abs(known.objective - found.objective) <= _ALIKE * (abs(known.objective) + abs(found.objective)):
+            return [*met[:k], (known, count + 1), *met[k + 1 :]]
+    return sorted([*met, (found, 1)], key=lambda pair: pair[0].objective)

@@ -1,0 +1,144 @@
+"""The result file: strict JSON that reads back bit for bit, written whole or not at all."""
+
+import json
+import os
+import secrets
+import stat
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from socp.errors import ProblemError, SolveError
+from socp.model.arc import Arc
+from socp.model.data import consistency
+from socp.model.data.stated import number, shown
+from socp.model.findings import Agreement, Feasibility, Finding, Node, Verdict
+
+SCHEMA = 2  # version of the result file that is written
+T = TypeVar("T")
+_DERIVED = ("word", "switches", "extremal")  # in the file for its readers; a solution works them out
+
+
+def to_json(solution: Any) -> str:
+    """Return a solution as text: null for nan, "inf" and "-inf" for infinities, which JSON lacks."""
+    document = {"schema": SCHEMA, **{name: getattr(solution, name) for name in _DERIVED}}
+    document |= {f.name: getattr(solution, f.name) for f in fields(solution)}
+    return json.dumps(_plain(document), allow_nan=False, indent=1)
+
+
+def read(text: str, solution: Callable[..., T], stops: Any) -> T:
+    """Return the solution that `to_json` wrote; SolveError says what is wrong with anything else."""
+    try:
+        document = consistency.document(text)
+        stop = _stop(document["stop"], stops)
+    except ProblemError as error:
+        raise SolveError(f"not a socp result: {shown(error)}") from error
+    given = {name: value for name, value in document.items() if name not in {"schema", *_DERIVED}}
+    return solution(**{**given, **_fields(document), "stop": stop})
+
+
+def _stop(name: str, stops: Any) -> Any:
+    if name not in stops.__members__:
+        raise ProblemError(f"stop: '{name}'; there are {', '.join(stops.__members__)}")
+    return stops[name]
+
+
+def _fields(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields that JSON does not hold as they are."""
+    return {
+        "arcs": tuple(_arc(arc) for arc in document["arcs"]),
+        "objective": number(document["objective"]),
+        "parameters": {name: number(value) for name, value in document["parameters"].items()},
+        "seconds": {name: number(value) for name, value in document["seconds"].items()},
+        "trace": {name: tuple(map(number, values)) for name, values in document["trace"].items()},
+        "meshes": tuple(tuple(map(number, mesh)) for mesh in document["meshes"]),
+        "structure": {name: tuple((m, float(a), float(b)) for m, a, b in row)
+                      for name, row in document["structure"].items()},
+        "nodes": tuple(Node(**_numbers(each)) for each in document["nodes"]),
+        "agreement": None if document["agreement"] is None else Agreement(**_numbers(document["agreement"])),
+        "verified": tuple(Feasibility(**_feasibility(each)) for each in document["verified"]),
+        "verdict": None if document["verdict"] is None else _verdict(document["verdict"]),
+        **{name: tuple(document[name]) for name in ("state_names", "control_names")},
+    }  # fmt: skip
+
+
+def write_atomic(path: Path, content: str | bytes) -> None:
+    """Write text or bytes to a file beside `path`, then rename it; SolveError names the path where that fails.
+
+    A new file has the permissions that the umask leaves; one that is replaced keeps its own.
+    """
+    temporary = path.parent / f".socp-{secrets.token_hex(8)}.part"
+    try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise SolveError(f"{path}: is no regular file, which alone can be replaced")
+        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
+    except OSError as error:
+        raise SolveError(f"{path}: cannot be written: {error.strerror or error}") from error
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+            file.flush()
+            os.fsync(file.fileno())  # a rename may reach the disk before the content does
+        if path.exists():
+            temporary.chmod(stat.S_IMODE(path.stat().st_mode))
+        temporary.replace(path)
+    except OSError as error:
+        raise SolveError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value in JSON's types: arrays as lists, enums by name, records by their fields."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
+    if isinstance(value, Enum):
+        value = value.name
+    elif is_dataclass(value):
+        value = {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+    elif isinstance(value, Mapping):
+        value = {str(k): _plain(v) for k, v in value.items()}
+    elif isinstance(value, (list, tuple)):
+        value = [_plain(v) for v in value]
+    elif isinstance(value, float) and not np.isfinite(value):
+        value = None if np.isnan(value) else str(value)
+    return value
+
+
+def _numbers(data: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: v if isinstance(v, str) and k in {"word", "stop"} else number(v) for k, v in data.items()}
+
+
+def _feasibility(data: Mapping[str, Any]) -> dict[str, Any]:
+    figures = {k: number(data[k]) for k in ("miss", "path", "box", "drift", "objective", "gap") if k in data}
+    return {**data, **figures, "end": tuple(number(v) for v in data["end"])}
+
+
+def _verdict(data: Mapping[str, Any]) -> Verdict:
+    figures = {name: number(data[name]) for name in ("miss", "normality", "objective_error")}
+    figures["remaining_error"] = number(data.get("remaining_error"))  # older files have none, nor `flat`
+    named = ("legendre_clebsch", "margins", "ringing")
+    tables = {name: {k: number(v) for k, v in data[name].items()} for name in named}
+    findings = tuple(Finding(**{**each, "residual": number(each["residual"])}) for each in data["findings"])
+    errors = tuple((float(t), number(error)) for t, error in data["switch_errors"])
+    flat = tuple((float(t), number(reach)) for t, reach in data.get("flat", ()))
+    pairs = {"switch_errors": errors, "flat": flat}
+    given = {**data, **figures, **tables, **pairs, "findings": findings, "notes": tuple(data["notes"])}
+    given["chattering"] = tuple(data["chattering"])
+    return Verdict(**given)
+
+
+def _row(values: Any) -> np.ndarray:
+    return np.array([number(value) for value in values])
+
+
+def _arc(data: Mapping[str, Any]) -> Arc:
+    t = _row(data["t"])
+    matrices = {k: np.array([_row(r) for r in data[k]]).reshape(-1, t.size) for k in ("x", "u", "costate")}
+    multipliers = {name: _row(values) for name, values in data["multipliers"].items()}
+    mesh, modes = np.array(data["mesh"], dtype=int), tuple(data["modes"])
+    return Arc(t=t, mesh=mesh, side=data["side"], modes=modes, multipliers=multipliers, **matrices)

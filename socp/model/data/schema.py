@@ -1,0 +1,121 @@
+"""The layout of result files: which fields there are, and what may stand in each."""
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+
+from socp.model.data.stated import Name, Number, Record
+
+_COUNT = 2**63 - 1  # what a machine's integer holds
+
+Row = list[Number]
+Matrix = list[Row]
+Count = Annotated[int, msgspec.Meta(ge=0, le=_COUNT)]
+
+
+class Arc(Record):
+    """Values at the nodes of an arc."""
+
+    t: list[float]
+    x: Matrix
+    u: Matrix
+    costate: Matrix
+    mesh: list[Count]
+    side: Literal["left", "right", "both"]
+    modes: list[str]
+    multipliers: dict[Name, Row]
+
+
+class Node(Record):
+    """What a search tried."""
+
+    word: str
+    stop: str
+    objective: Number
+    bound: Number
+    miss: Number
+    residual: Number
+
+
+class Feasibility(Record):
+    """What re-integration found."""
+
+    miss: Number
+    miss_at: str
+    path: Number
+    path_at: str
+    box: Number
+    drift: Number
+    feedback: bool
+    end: Row
+    error: str
+    objective: Number = None  # older files have none, nor `gap`
+    gap: Number = 0.0
+
+
+class Finding(Record):
+    """A condition with its residual."""
+
+    condition: str
+    residual: Number
+    where: str
+    t: Number
+    wants: str
+
+
+class Verdict(Record):
+    """What the judge found."""
+
+    miss: Number
+    findings: list[Finding]
+    distance: Number
+    normality: Number
+    legendre_clebsch: dict[str, Number]
+    margins: dict[str, Number]
+    ringing: dict[str, Number]
+    objective_error: Number
+    switch_errors: list[tuple[float, Number]]
+    digits: Count
+    chattering: list[str]
+    notes: list[str]
+    remaining_error: Number = None  # older files have none, nor `flat`
+    flat: tuple[tuple[float, Number], ...] = ()
+    miss_at: str = ""
+
+
+class Agreement(Record):
+    """How far two computations are apart."""
+
+    objective: Number
+    switches: Number
+
+
+class Result(Record):
+    """A result file."""
+
+    schema: Literal[1, 2]
+    word: str
+    switches: list[float]
+    extremal: bool | None
+    problem: Name
+    method: str  # empty where nobody has stamped it
+    arcs: Annotated[list[Arc], msgspec.Meta(min_length=1)]
+    objective: Number
+    stop: str
+    message: str
+    state_names: list[Name]
+    control_names: list[Name]
+    parameters: dict[Name, Number]
+    options: dict[str, Any]
+    versions: dict[str, str]
+    iterations: Count
+    seconds: dict[str, Number]
+    trace: dict[str, Row]
+    structure: dict[str, list[tuple[str, float, float]]]
+    verified: list[Feasibility]
+    verdict: Verdict | None
+    nodes: list[Node]
+    meshes: Matrix
+    agreement: Agreement | None
+    statement: dict[str, Any] | None = None
+    unstated: str = ""

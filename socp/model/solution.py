@@ -1,0 +1,209 @@
+"""Solutions: frozen arcs of states, controls and costates, evaluation at any time, and the JSON result file."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, final
+
+import numpy as np
+
+from socp.errors import SolveError
+from socp.model.arc import Arc, Which, lagrange
+from socp.model.data import files as results
+from socp.model.data.files import SCHEMA, write_atomic
+from socp.model.findings import EXTREMAL, Agreement, Feasibility, Node, Verdict
+from socp.process import read_text
+from socp.view import solution_html, to_xarray
+
+if TYPE_CHECKING:
+    from socp.model.problem import Problem
+
+__all__ = ["SCHEMA", "Agreement", "Arc", "Feasibility", "Node", "Solution", "Stop", "Which", "lagrange", "write_atomic"]
+
+
+class Stop(Enum):
+    """Why a solve stopped; the value is the sentence shown to the user. It says nothing about optimality."""
+
+    SOLVED = "the solver met its tolerances"
+    ACCEPTABLE = "the solver met only its weaker, acceptable tolerances"
+    INFEASIBLE = "the solver found no point that satisfies the constraints"
+    LIMIT = "the solver reached its limit of iterations or time"
+    INTERRUPTED = "the solve was interrupted; this is its last iterate"
+    FAILED = "the solver failed"
+
+    @property
+    def ok(self) -> bool:
+        """Whether the point meets the solver's tolerances."""
+        return self in {Stop.SOLVED, Stop.ACCEPTABLE}
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Solution:
+    """What a method returns: a point with its history, no claim.
+
+    `objective` is the method's own value; `parameters` by name; `trace` maps a quantity to its value per iteration;
+    `seconds` is split into build and solve. `structure` gives every control's stretches (mode, start, end). `verified`
+    holds the feasibility by time and, where the word has laws, by feedback; `verdict` is the judge's. `nodes`: what a
+    search over words tried, in order; `meshes`: the ends of all intervals (k,), in time, of every mesh solved on
+    before this one. `agreement`: how far apart two computations of this solution are, where there were two.
+    `statement` is the problem that was judged, as data; `unstated` says why there is none, where it cannot be written.
+    """
+
+    problem: str
+    method: str
+    arcs: tuple[Arc, ...]
+    objective: float
+    stop: Stop
+    message: str = ""
+    state_names: tuple[str, ...] = ()
+    control_names: tuple[str, ...] = ()
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    iterations: int = 0
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    trace: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    structure: Mapping[str, tuple[tuple[str, float, float], ...]] = field(default_factory=dict)
+    verified: tuple[Feasibility, ...] = ()
+    verdict: Verdict | None = None
+    nodes: tuple[Node, ...] = ()
+    meshes: tuple[tuple[float, ...], ...] = ()
+    agreement: Agreement | None = None
+    statement: Mapping[str, Any] | None = None
+    unstated: str = ""
+
+    @property
+    def extremal(self) -> bool | None:
+        """Whether the verdict certifies an extremal of Pontryagin's principle; None where nobody judged."""
+        return None if self.verdict is None else self.verdict.extremal
+
+    @property
+    def reached(self) -> float:
+        """The objective that the returned control reaches by re-integration; the method's own where nobody verified."""
+        return self.objective if not self.verified else self.verified[0].objective
+
+    @property
+    def headline(self) -> tuple[str, ...]:
+        """The objective as a report tells it: what the control reaches first, where the method's own value differs."""
+        own = f"{self.objective:.12g}"
+        if not self.verified or self.verified[0].gap <= EXTREMAL:
+            return (own,)
+        told = "no value" if np.isnan(self.reached) else f"{self.reached:.12g}"
+        return (f"{told} reached by the control, re-integrated", f"{own} claimed by the method")
+
+    @property
+    def initial_time(self) -> float:
+        """Time at which the first arc begins."""
+        return float(self.arcs[0].t[0])
+
+    @property
+    def final_time(self) -> float:
+        """Time at which the last arc ends."""
+        return float(self.arcs[-1].t[-1])
+
+    @property
+    def word(self) -> str:
+        """The word that the structure spells, `r: + s +; f: + b -`, every control by itself."""
+        return "; ".join(f"{name}: {' '.join(mode for mode, _, _ in row)}" for name, row in self.structure.items())
+
+    @property
+    def switches(self) -> list[float]:
+        """All switching times of the structure in order; times that differ by rounding alone are one."""
+        times = sorted({end for row in self.structure.values() for _, _, end in row[:-1]})
+        apart = 1e-12 * (self.final_time - self.initial_time)
+        return [t for k, t in enumerate(times) if k == 0 or t - times[k - 1] > apart]
+
+    @cached_property
+    def junctions(self) -> np.ndarray:
+        """Times between the arcs (arcs - 1,)."""
+        return np.array([arc.t[0] for arc in self.arcs[1:]])
+
+    def at(self, t: Any, which: Which = "x", seen: Any = None) -> np.ndarray:
+        """Evaluate x, u or costate at times t (k,), clipped to the horizon; returns (rows, k).
+
+        It is right-continuous at switches; where times `seen` (k,) are given, they choose the side of a jump.
+        """
+        t, place = (
+            np.clip(np.atleast_1d(np.asarray(each, dtype=float)), self.initial_time, self.final_time)
+            for each in (t, t if seen is None else seen)
+        )
+        arc = np.searchsorted(self.junctions, place, side="right")
+        out = np.empty((getattr(self.arcs[0], which).shape[0], t.size))
+        for k in np.unique(arc):
+            out[:, arc == k] = self.arcs[k].at(t[arc == k], which, place[arc == k])
+        return out
+
+    @cached_property
+    def t(self) -> np.ndarray:
+        """All nodes in time, switches twice."""
+        return np.concatenate([arc.t for arc in self.arcs])
+
+    def rows(self, which: Which) -> np.ndarray:
+        """Return x, u or costate at the nodes `t`, (rows, nodes)."""
+        return np.hstack([getattr(arc, which) for arc in self.arcs])
+
+    def after(self, earlier: "Solution") -> "Solution":
+        """Return this solution with what an earlier one, which it continues, cost and tried before it added."""
+        keys = {**earlier.seconds, **self.seconds}
+        seconds = {key: self.seconds.get(key, 0.0) + earlier.seconds.get(key, 0.0) for key in keys}
+        trace = {key: (*earlier.trace.get(key, ()), *values) for key, values in self.trace.items()}
+        return replace(
+            self, seconds=seconds, trace=trace, iterations=self.iterations + earlier.iterations,
+            nodes=(*earlier.nodes, *self.nodes), meshes=(*earlier.meshes, earlier.corners, *self.meshes),
+        )  # fmt: skip
+
+    @property
+    def corners(self) -> tuple[float, ...]:
+        """Ends of all intervals of the mesh, in time."""
+        inner = [t for arc in self.arcs for t in arc.t[arc.mesh[:-1]].tolist()]
+        return (*inner, self.final_time)
+
+    def total_variation(self) -> np.ndarray:
+        """Return the total variation of every control (nu,), jumps between intervals and arcs included."""
+        pieces = [arc.u[:, arc.nodes(k, "u")] for arc in self.arcs for k in range(len(arc.mesh) - 1)]
+        variation: np.ndarray = np.abs(np.diff(np.hstack(pieces), axis=1)).sum(axis=1)
+        return variation
+
+    def to_xarray(self, problem: "Problem | None" = None) -> Any:
+        """Return the values at the nodes as an xarray.Dataset; with the problem units and switching functions too."""
+        return to_xarray(self, problem)
+
+    def plot(self, problem: "Problem | None" = None, **look: Any) -> Any:
+        """Return a matplotlib Figure; with the problem bounds, switching functions and the scene too.
+
+        `look` is what `socp.view.figures.draw.draw` takes: `panels`, `width` in inches, `stretch` for short arcs.
+        """
+        from socp.view import draw
+
+        return draw(self, problem, **look)
+
+    def _repr_html_(self) -> str:
+        return solution_html(self)
+
+    def to_json(self) -> str:
+        """Return the result file's text: strict JSON with null for nan, floats that read back bit for bit."""
+        return results.to_json(self)
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Read what `to_json` wrote; SolveError says what is wrong with anything else."""
+        return results.read(text, cls, Stop)
+
+    def save(self, path: str | Path) -> None:
+        """Write the result file atomically: a reader sees the old file or the new one, never a part.
+
+        Raises SolveError, with the path, where it cannot be written.
+        """
+        write_atomic(Path(path), self.to_json() + "\n")
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a result file; SolveError names the file and what is wrong with it."""
+        text = read_text(path)
+        try:
+            return cls.from_json(text)
+        except SolveError as error:
+            raise SolveError(f"{path}: {error}") from error

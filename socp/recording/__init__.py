@@ -1,1 +1,0 @@
-"""Recordings: what is shown of a solution and how it is laid out, as plain records; a plugin puts them into a file."""

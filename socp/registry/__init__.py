@@ -1,0 +1,5 @@
+"""What strangers bring: hooks, entry points, problem files, and the suite that methods have to pass."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,73 @@
+"""search.candidate."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import final
+
+import numpy as np
+
+from socp.methods import split
+from socp.model import Mode, Solution, Word
+
+Joint = tuple[Mode, ...]
+
+
+_SPROUT = 0.02  # of the arc that it is put into: the first length of an inserted arc, soon corrected by the solver
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A word to try: its arcs with their edges in time, and the solution whose states are the guess."""
+
+    arcs: tuple[Joint, ...]
+    edges: tuple[float, ...]
+    source: Solution
+
+    @property
+    def key(self) -> str:
+        """The word as text."""
+        return str(Word(tuple(str(i) for i in range(len(self.arcs[0]))), self.arcs))
+
+    def place(self, t: float) -> int:
+        """Return the index of the arc at a time, the later one where arcs meet."""
+        return int(np.clip(np.searchsorted(self.edges, t, side="right") - 1, 0, len(self.arcs) - 1))
+
+    def guess(self) -> Solution:
+        """Return the source cut at the edges."""
+        lengths = np.diff(self.edges)
+        return split(self.source, np.maximum(lengths, 1e-6 * lengths.sum()).tolist())
+
+
+def merged(given: Candidate) -> Candidate:
+    """Return a candidate without equal neighbours."""
+    keep = [0, *(k for k in range(1, len(given.arcs)) if given.arcs[k] != given.arcs[k - 1])]
+    arcs = tuple(given.arcs[k] for k in keep)
+    return Candidate(arcs, (*(given.edges[k] for k in keep), given.edges[-1]), given.source)
+
+
+def insert(given: Candidate, control: int, mode: str, t: float) -> Candidate:
+    """Return a candidate with one control in another mode for a while around a time."""
+    arc = given.arcs[given.place(t)]
+    return planted(given, (*arc[:control], Mode.parse(mode), *arc[control + 1 :]), t)
+
+
+def planted(given: Candidate, new: Joint, t: float) -> Candidate:
+    """Return a candidate with all controls in given modes for a while around a time."""
+    edges, k = np.array(given.edges), given.place(t)
+    a, b = edges[k], edges[k + 1]
+    length = _SPROUT * (b - a)
+    start = float(np.clip(t - length / 2.0, a, b - length))
+    start = a if start - a < 2.0 * length else b - length if b - start < 3.0 * length else start
+    arc = given.arcs[k]
+    arcs = (*given.arcs[:k], arc, new, arc, *given.arcs[k + 1 :])
+    cut = Candidate(arcs, (*given.edges[: k + 1], start, start + length, *given.edges[k + 1 :]), given.source)
+    return merged(without(cut, 0.0))
+
+
+def without(given: Candidate, shortest: float) -> Candidate:
+    """Return a candidate without the arcs that are no longer than the shortest; the longest one stays in any case."""
+    longest = int(np.argmax(np.diff(given.edges)))  # of a horizon that shrank to a point too
+    keep = [k for k, (a, b) in enumerate(pairwise(given.edges)) if b - a > shortest or k == longest]
+    edges = (given.edges[0], *(given.edges[k] for k in keep[1:]), given.edges[-1])
+    return Candidate(tuple(given.arcs[k] for k in keep), edges, given.source)

@@ -1,0 +1,167 @@
+"""What a search comes to: the best of all that it had in hand, words and direct solutions, and what is left open."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from socp.errors import SolveError
+from socp.methods import solve_collocated
+from socp.model import FEASIBLE, Problem, Solution, Stop, Watch, silent
+from socp.search.effort import Ration, Search, clearly, off, precedes
+from socp.search.refinement import refine
+from socp.solvers import Ipopt
+from socp.transcription import Mesh, euler, single_phase, trapezoid, uniform
+from socp.verdict import chattering, judge, verify
+
+_FURTHER = 5e5  # iterations times variables from a point that betters a certified one: half of what a search may do
+_WORDS = 20  # words tried there
+_FAR = 0.05  # of the objective: a coarse grid that claims so much less than a certified solution is worth a finer one
+_FINER = (uniform(euler(), 800), uniform(trapezoid(), 400))  # after 20 to 200 intervals of the first solves
+_DIRECT = Ipopt({"tol": 1e-7, "max_iter": 150})  # from a solution nearby it takes some ten iterations
+
+
+def concluded(problem: Problem, search: Search, directs: Sequence[Solution], watch: Watch = silent) -> Solution:
+    """Return the certified solution, or else the best there is, with what is left open in its message.
+
+    A word and direct solutions, one at least, are compared by feasibility and by the objectives that their controls
+    reach by re-integration. A direct solution that happens to be an extremal, its switches on the grid, goes before
+    any word that is none.
+    """
+    best = search.best
+    if best is not None and not best.stop.ok:
+        return best
+    if best is not None and best.extremal:
+        known = bettered(problem, search, directs)
+        return best if known is None else replace(best, message=f"{best.message}; {_worse(known)}")
+    solved = [each for each in directs if each.stop.ok]
+    certain = next((each for each in (judge(problem, one) for one in solved[:2]) if each.extremal), None)
+    if certain is not None:  # of the best start
+        return certain
+    chosen, compared = foremost(problem, best, solved, watch)
+    if chosen is None:
+        return directs[0]
+    parts = (chosen.message, explained(problem, search), compared)
+    return replace(chosen, message="; ".join(filter(None, parts)))
+
+
+def foremost(
+    problem: Problem, word: Solution | None, directs: Sequence[Solution], watch: Watch = silent
+) -> tuple[Solution | None, str]:  # fmt: skip
+    """Return the better of the best word and the best direct solution, judged, and a text that tells which it is."""
+    direct = _best(problem, directs, word, watch)
+    if direct is None:
+        return word, ""
+    direct = judge(problem, direct)
+    if word is None:
+        return direct, "this is a direct solution"
+    if precedes(direct, word):
+        return direct, f"this is a direct solution; the best word tried, {word.word}, reaches {_reaches(word)}"
+    return word, f"this is the best word tried; the best direct solution reaches {_reaches(direct)}"
+
+
+def bettered(problem: Problem, search: Search, directs: Sequence[Solution]) -> Solution | None:
+    """Return the best feasible point in hand that is clearly better than a certified solution, if there is one."""
+    if search.best is None:
+        return None
+    hopeful = [each for each in directs if each.stop.ok and each.objective < search.best.objective]
+    points = [_verified(problem, each) for each in hopeful]
+    points += [search.other] if search.other is not None else []
+    better = [each for each in points if off(each) <= FEASIBLE and clearly(each, search.best)]
+    return min(better, key=lambda each: each.reached, default=None)
+
+
+def pursued(problem: Problem, search: Search, directs: list[Solution], watch: Watch = silent) -> None:
+    """Go on from a feasible point that is clearly better than the certified solution, for as much work as is fair.
+
+    A better certified solution takes the place of the one that the search ended with. Where a coarse grid claims far
+    less, it is first solved on finer ones, which join the direct solutions: its own control may miss what it claims.
+    """
+    best = search.best
+    if best is None or not best.extremal:
+        return
+    less = [each for each in directs if each.stop.ok and best.objective - each.objective > _FAR * abs(each.objective)]
+    if less and bettered(problem, search, directs) is None:
+        first = min(less, key=lambda each: each.objective)
+        finer = [_again(problem, first, mesh, watch) for mesh in _FINER]
+        directs += [each for each in finer if each is not None and each.stop.ok]
+    known = bettered(problem, search, directs)
+    if known is None:
+        return
+    more = Search(backend=Ration(_FURTHER), nodes=search.nodes)
+    for mesh in (None, _FINER[0]):
+        direct = known if mesh is None else _again(problem, known, mesh, watch)
+        if direct is None:
+            return
+        found = refine(problem, direct, more, watch, _WORDS) if direct.stop.ok else direct
+        if found is not None and found.stop is Stop.INTERRUPTED:
+            search.best = replace(best, stop=Stop.INTERRUPTED)
+            return
+        if found is not None and found.extremal and clearly(found, best):
+            search.best = found
+            return
+
+
+def explained(problem: Problem, search: Search) -> str:
+    """Say in a sentence or two what a search without a certified word has left open."""
+    tried = f"no word of the {search.count} tried is certified" + (
+        ", and the work allowed for the search is done" if search.spent else ""
+    )
+    best = search.best
+    if best is None or best.verdict is None:
+        return tried
+    names = chattering(problem, best)
+    if names:
+        return (
+            f"{', '.join(names)}: chattering; no finite number of switches joins a bang arc to a singular arc of even "
+            f"order inside its box, so the switches pile up where they meet; this word stands for infinitely many"
+        )
+    return f"{tried}; the best one leaves: {best.verdict.reasons[0] if best.verdict.reasons else 'nothing'}"
+
+
+def _best(
+    problem: Problem, directs: Sequence[Solution], word: Solution | None, watch: Watch
+) -> Solution | None:  # fmt: skip
+    """Return the best direct solution, verified: of those that claim less than the word where that is feasible.
+
+    The grids on which words are looked for are coarse, and their controls often miss what they claim: it is solved on
+    finer ones too, whose controls keep their box between the nodes.
+    """
+    feasible = word is not None and off(word) <= FEASIBLE
+    worth = [each for each in directs if word is None or not feasible or each.objective < word.reached]
+    if not worth:
+        return _verified(problem, min(directs, key=lambda each: each.objective)) if directs else None
+    best = _first([_verified(problem, each) for each in worth])
+    finer = [_again(problem, best, mesh, watch) for mesh in _FINER]
+    return _first([best, *(_verified(problem, each) for each in finer if each is not None and each.stop.ok)])
+
+
+def _first(solutions: Sequence[Solution]) -> Solution:
+    """Return the one that goes before the others."""
+    best = solutions[0]
+    for each in solutions[1:]:
+        best = each if precedes(each, best) else best
+    return best
+
+
+def _verified(problem: Problem, solution: Solution) -> Solution:
+    return replace(solution, verified=verify(problem, solution))
+
+
+def _again(problem: Problem, known: Solution, mesh: Mesh, watch: Watch) -> Solution | None:
+    """Solve on another mesh from a solution; None where that fails."""
+    try:
+        return solve_collocated(single_phase(problem), [mesh], _DIRECT, known, watch)
+    except SolveError:
+        return None
+
+
+def _reaches(solution: Solution) -> str:
+    missed = off(solution)
+    return f"{solution.reached:.8g}" + ("" if missed <= FEASIBLE else f", its re-integration off by {missed:.1e}")
+
+
+def _worse(known: Solution) -> str:
+    what = f"along the word {known.word}" if known.structure else "a direct solution"
+    return (
+        f"an extremal, but not the best: a feasible point with the objective {known.reached:.8g} is known ({what}), "
+        f"from which no certified word was found"
+    )

@@ -1,0 +1,115 @@
+"""Digits: a certified solution computed twice, until as many digits agree as are asked for."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from socp.errors import MethodError, SolveError
+from socp.methods import Follower, polished, sound
+from socp.model import Agreement, Mode, Problem, Solution, Stop, Watch, Word, silent
+from socp.search.neighbours import dropped, spelled
+from socp.solvers import Backend
+from socp.verdict import judge
+
+_FINER = (1e-9, 1e-11, 1e-13)  # tolerances of the meshes that are compared where Newton does not settle
+_BRIEF = 1e-2  # of the horizon: a longer arc is one, however little is known of its ends
+_POINTS = 12  # their collocation points: other polynomials than those of the solution that they are compared with
+
+
+def trusted(problem: Problem, solution: Solution, digits: int, backend: Backend, watch: Watch = silent) -> Solution:
+    """Return a certified solution with the agreement of two computations of it, certified again.
+
+    Arcs shorter than the errors of their ends go first. Newton on its conditions follows. Where that does not settle,
+    or leaves less than `digits` digits, finer meshes are compared. What cannot be computed twice comes back as it is.
+    """
+    solution = settled(problem, solution, backend, watch)
+    found = polished(problem, solution)
+    best = solution if found is None else judge(problem, found)
+    best = best if best.extremal else solution
+    return best if reached(best, digits) else _compared(problem, best, (digits, backend), watch)
+
+
+def settled(problem: Problem, solution: Solution, backend: Backend, watch: Watch = silent) -> Solution:
+    """Return a certified solution without the arcs that are shorter than the errors of their ends, where that does.
+
+    Where two controls hand over at one time, an arc between the two switches is hardly felt: the errors of its ends
+    show it. The switches on both sides become one, and what is solved so is kept if it is certified and no worse.
+    """
+    for _ in range(len(solution.arcs)):
+        short = _spurious(solution)
+        if not short:
+            break
+        now = spelled(solution)
+        for k in reversed(short):
+            now = dropped(now, k)
+        if len(now.arcs) >= len(solution.arcs):
+            break
+        word = Word(problem.control_names, now.arcs)
+        try:
+            merged = Follower(longer=False, backend=backend)(problem, word, now.guess(), watch)
+        except (MethodError, SolveError):
+            break
+        if merged.stop is Stop.INTERRUPTED:
+            return replace(solution, stop=Stop.INTERRUPTED, message=merged.message)
+        judged = judge(problem, merged.after(solution)) if merged.stop.ok else merged
+        if not judged.extremal or not sound(problem, judged) or _is_worse(judged, solution):
+            break
+        solution = judged
+    return solution
+
+
+def _spurious(solution: Solution) -> list[int]:
+    """Return the arcs that are shorter than the error of one of their ends, never all of them."""
+    errors = dict(solution.verdict.switch_errors) if solution.verdict else {}
+    times, known = np.array(list(errors)), np.array(list(errors.values()))
+    if not times.size:
+        return []
+    joints = np.concatenate([[-np.inf], solution.junctions, [np.inf]])
+    nearest = [float(known[np.argmin(np.abs(times - t))]) if np.isfinite(t) else 0.0 for t in joints]
+    lengths = np.array([arc.t[-1] - arc.t[0] for arc in solution.arcs])
+    allowed = np.minimum(np.maximum(nearest[:-1], nearest[1:]), _BRIEF * lengths.sum())
+    return np.flatnonzero(lengths < allowed).tolist()
+
+
+def _is_worse(merged: Solution, solution: Solution) -> bool:
+    """Tell whether the objective is worse by more than both are known to."""
+    errors = [each.verdict.objective_error for each in (merged, solution) if each.verdict]
+    return merged.objective > solution.objective + sum(errors)
+
+
+def _compared(problem: Problem, best: Solution, wanted: tuple[int, Backend], watch: Watch) -> Solution:
+    """Return the solution on the mesh that agrees best with the one before it, or the given one where none agrees."""
+    word = Word(problem.control_names, tuple(tuple(map(Mode.parse, arc.modes)) for arc in best.arcs))
+    last = best
+    for tolerance in _FINER:
+        follower = Follower(points=_POINTS, tolerance=tolerance, longer=False, backend=wanted[1])
+        try:
+            finer = follower(problem, word, last, watch)
+        except (MethodError, SolveError):
+            break
+        if finer.stop is Stop.INTERRUPTED:
+            return replace(best, stop=Stop.INTERRUPTED, message=finer.message)
+        judged = judge(problem, replace(finer.after(last), agreement=apart(last, finer))) if finer.stop.ok else finer
+        if not judged.extremal or not sound(problem, judged):
+            break
+        best, last = min(best, judged, key=_worse), judged
+        if reached(best, wanted[0]):
+            break
+    return best
+
+
+def apart(one: Solution, other: Solution) -> Agreement:
+    """Return how far two solutions along one word are apart."""
+    size = max(abs(one.objective), abs(other.objective), 1e-300)
+    ends = np.abs(np.append(one.junctions, one.final_time) - np.append(other.junctions, other.final_time))
+    return Agreement(objective=abs(one.objective - other.objective) / size, switches=float(ends.max()))
+
+
+def reached(solution: Solution, digits: int) -> bool:
+    """Tell whether as many digits are agreed on, of the objective and of the times against the horizon."""
+    return _worse(solution) <= 10.0**-digits
+
+
+def _worse(solution: Solution) -> float:
+    found, horizon = solution.agreement, solution.final_time - solution.initial_time
+    return np.inf if found is None else max(found.objective, found.switches / horizon)

@@ -1,0 +1,129 @@
+"""A search over words: what it has tried, the best it has found, and the work that it may do."""
+
+from dataclasses import dataclass, field, replace
+from typing import final
+
+from socp.model import EXTREMAL, FEASIBLE, Node, Solution, Stop, Watch, silent
+from socp.solvers import NLP, Ipopt, NLPPoint
+
+_WORDS = 80  # words tried from all direct solutions together
+_WORK = 1e6  # iterations times variables in all: some ten seconds, and the same words at any speed
+_SETUP = 10  # iterations that building a programme is worth
+_ALIKE = 1e-3  # relative: objectives of one solution on two grids differ by as much
+_WORTH = 3.0  # times how far a re-integration is off: what that may be worth in the objective, relative as well
+
+# a right word takes tens of iterations; a wrong one should not take thousands
+_BACKEND = Ipopt({"tol": 1e-11, "max_iter": 300})
+
+
+@final
+@dataclass(eq=False)
+class Ration:
+    """A backend that stops when the work allowed in all, iterations times variables, is done."""
+
+    left: float = _WORK
+    backend: Ipopt = field(default_factory=lambda: _BACKEND)
+
+    def __call__(self, nlp: NLP, guess: NLPPoint, watch: Watch = silent) -> NLPPoint:
+        """Solve with as many iterations as are left; without any the point is the guess, at its limit."""
+        most = int(self.left / nlp.v.numel()) - _SETUP
+        if most < 1:
+            return replace(guess, stop=Stop.LIMIT, message="the work allowed for the search is done")
+        allowed = self.backend
+        if most < int(allowed.options["max_iter"]):
+            allowed = Ipopt({**allowed.options, "max_iter": most})
+        point = allowed(nlp, guess, watch)
+        self.left -= (point.iterations + _SETUP) * nlp.v.numel()
+        return point
+
+
+@final
+@dataclass(eq=False)
+class Search:
+    """What a search over words has tried so far: its words that were solved, their number, and the best solution.
+
+    `refine` goes on with it from one direct solution to the next.
+    """
+
+    solved: set[str] = field(default_factory=set)
+    count: int = 0
+    best: Solution | None = None
+    backend: Ration = field(default_factory=Ration)
+    nodes: list[Node] = field(default_factory=list)
+    rounded: bool = False
+    other: Solution | None = None
+
+    def keep(self, solution: Solution) -> None:
+        """Keep a judged word if it is the best; `other` remains the best of those that are not certified."""
+        if not solution.extremal and (self.other is None or precedes(solution, self.other)):
+            self.other = solution
+        if self.best is None or precedes(solution, self.best):
+            self.best = solution
+
+    def watched(self, watch: Watch, word: str) -> Watch:
+        """Return a watch that is told of the word being tried and of the best solution so far as well."""
+        if watch is silent:
+            return silent
+        best = self.best.objective if self.best else float("nan")
+        verdict = self.best.verdict if self.best else None
+        violation = verdict.residual if verdict else float("nan")
+        return lambda now: watch(replace(now, stage="word", word=word, best=best, violation=violation))
+
+    def note(self, word: str, solution: Solution | None) -> None:
+        """Keep what became of a word."""
+        self.nodes.append(node(word, solution))
+
+    @property
+    def over(self) -> bool:
+        """Whether the work allowed is done, a certified word found, or the search interrupted."""
+        done = self.best is not None and (self.best.extremal or self.best.stop is Stop.INTERRUPTED)
+        return bool(done) or self.spent
+
+    @property
+    def spent(self) -> bool:
+        """Whether the work or the number of words allowed is done."""
+        return self.backend.left <= 0 or self.count >= _WORDS
+
+
+def node(word: str, solution: Solution | None) -> Node:
+    """Return what became of a word as a node."""
+    if solution is None:
+        return Node(word=word, stop="FAILED")
+    verdict = solution.verdict
+    judged = {} if verdict is None else {"miss": verdict.miss, "residual": verdict.residual}
+    return Node(word=word, stop=solution.stop.name, objective=solution.objective, **judged)
+
+
+def precedes(one: Solution, other: Solution) -> bool:
+    """Tell whether one solution is to be preferred: an extremal, a feasible one, one whose control reaches less.
+
+    Where their objectives differ by no more than their re-integrations allow, the one that is less off goes first; of
+    two that are off by rounding alone, the one that reaches less.
+    """
+    if bool(one.extremal) != bool(other.extremal):
+        return bool(one.extremal)
+    miss, its = off(one), off(other)
+    if not max(miss, its) <= FEASIBLE:
+        return miss < its
+    if clearly(one, other) or clearly(other, one) or max(miss, its) <= EXTREMAL:
+        return one.reached < other.reached
+    return miss < its
+
+
+def clearly(one: Solution, other: Solution) -> bool:
+    """Tell whether the control of one solution reaches less than that of another beyond what both are off."""
+    doubt = _ALIKE + _WORTH * max(off(one), off(other))
+    return other.reached - one.reached > doubt * max(abs(one.reached), abs(other.reached))
+
+
+def off(solution: Solution) -> float:
+    """Return the largest figure of a solution's re-integration, infinite where there was none."""
+    return max((each.off for each in solution.verified), default=float("inf"))
+
+
+def rank(solution: Solution | None) -> tuple[bool, float]:
+    """Order solutions: feasible ones first, by the objective that their controls reach, then others by their miss."""
+    if solution is None or solution.verdict is None:
+        return (True, float("inf"))
+    feasible = solution.verdict.miss <= EXTREMAL
+    return (False, solution.reached) if feasible else (True, solution.verdict.miss)

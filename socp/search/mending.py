@@ -1,0 +1,143 @@
+"""Mending words: read one off a direct solution, and change it where a judged solution says that it is wrong."""
+
+from collections.abc import Iterator
+from itertools import pairwise, product
+
+import numpy as np
+
+from socp import laws
+from socp.laws import arc_modes, control_modes
+from socp.model import EXTREMAL, SHORTEST, Mode, Problem, Solution
+from socp.search.candidate import Candidate, insert, merged, without
+from socp.verdict import constraint_values, misfit
+
+# -- mending
+
+
+def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Candidate]:
+    """Yield the words that may mend a judged solution, the most promising first."""
+    edges = (solution.initial_time, *solution.junctions.tolist(), solution.final_time)
+    now = Candidate(tried.arcs, edges, solution)
+    shortest = SHORTEST * (edges[-1] - edges[0])
+    gone = [k for k, (a, b) in enumerate(pairwise(edges)) if b - a <= shortest]
+    yield from (_dropped(now, problem, label) for label in _slack(solution))
+    if gone:
+        yield merged(without(now, shortest))
+        yield from (_swapped(now, k) for k in gone if 0 < k < len(now.arcs) - 1)
+    yield from _outside(problem, now)
+    yield from _violated(problem, now)
+    if solution.verdict is None:
+        return
+    for finding in sorted(solution.verdict.findings, key=lambda f: -f.residual):
+        if finding.wants and finding.t is not None and not finding.holds:
+            name = finding.where.split(",")[0]
+            if name in solution.verdict.chattering:  # what it asks for is one of infinitely many more arcs
+                continue
+            control = problem.control_names.index(name)
+            yield insert(now, control, finding.wants, finding.t)
+            yield insert(now, control, "s", finding.t)
+
+
+def _slack(solution: Solution) -> Iterator[str]:
+    """Yield the bang stretches whose switching function never takes the right sign clearly."""
+    if solution.verdict is not None:
+        level = min(solution.verdict.residual, EXTREMAL)
+        yield from (label for label, margin in solution.verdict.margins.items() if margin <= level)
+
+
+def _dropped(given: Candidate, problem: Problem, label: str) -> Candidate:
+    """Return a candidate whose control goes on with its neighbouring mode on a stretch, such as `r, stretch 2 (-)`."""
+    name, _, place = label.partition(", stretch ")
+    number = int(place.partition(" ")[0]) - 1
+    i, row = problem.control_names.index(name), list(given.source.structure[name])
+    if len(row) == 1:
+        return given
+    neighbour = row[number - 1][0] if number else row[1][0]
+    _, a, b = row[number]
+    arcs = []
+    for arc, (start, end) in zip(given.arcs, pairwise(given.edges), strict=True):
+        inside = a <= (start + end) / 2.0 <= b
+        arcs.append((*arc[:i], Mode.parse(neighbour), *arc[i + 1 :]) if inside else arc)
+    return merged(Candidate(tuple(arcs), given.edges, given.source))
+
+
+def _swapped(given: Candidate, k: int) -> Candidate:
+    """Return a candidate in which two controls switch in the other order around an arc without length."""
+    before, after = given.arcs[k - 1], given.arcs[k + 1]
+    other = tuple(b if here == a else a for a, here, b in zip(before, given.arcs[k], after, strict=True))
+    return merged(Candidate((*given.arcs[:k], other, *given.arcs[k + 1 :]), given.edges, given.source))
+
+
+def _outside(problem: Problem, now: Candidate) -> Iterator[Candidate]:
+    """Yield what puts a bound where a law leaves the box."""
+    for arc in now.source.arcs:
+        for i, (low, high) in enumerate(problem.box.T):
+            excess = np.maximum(low - arc.u[i], arc.u[i] - high)
+            k = int(np.argmax(excess))
+            if excess[k] > 1e-6 * (high - low):
+                yield insert(now, i, "+" if arc.u[i, k] > high else "-", float(arc.t[k]))
+
+
+def _violated(problem: Problem, now: Candidate) -> Iterator[Candidate]:
+    """Yield what follows a state constraint where it is violated."""
+    found = now.source.verified[0] if now.source.verified else None
+    if found is None or found.path <= 1e-7:  # beyond the solver's own tolerance
+        return
+    constraint = next(c for c in problem.constraints if c.name == found.path_at)
+    t = np.linspace(now.edges[0], now.edges[-1], 2001)
+    worst = float(t[np.argmax(constraint_values(problem, now.source, constraint, t, now.source.at(t)))])
+    for i in range(len(problem.control_names)):
+        if constraint in laws.acting(problem, i):
+            yield insert(now, i, f"b[{constraint.name}]", worst)
+
+
+def starts(first: Candidate) -> Iterator[Candidate]:
+    """Yield words with bang arcs where a control begins or ends singular: a given end is seldom on its surface."""
+    ends = ((0, first.edges[0]), (-1, first.edges[-1]))
+    places = [(k, t, i) for k, t in ends for i, mode in enumerate(first.arcs[k]) if mode.kind == "singular"]
+    signs = ["+-" if _pulls(first.source, i, t) > 0 else "-+" for _, t, i in places]
+    for choice in product((0, 1), repeat=len(places)):
+        new = first
+        for (_, t, i), pair, k in zip(places, signs, choice, strict=True):
+            new = insert(new, i, pair[k], t)
+        yield new
+    yield from (insert(first, i, sign, t) for (_, t, i), pair in zip(places, signs, strict=True) for sign in pair)
+
+
+def _pulls(solution: Solution, i: int, t: float) -> float:
+    """Return how far a control at an end of the horizon is from what it is along the way."""
+    nearest = solution.at(np.array([t]), "u")[i, 0]
+    return float(nearest - np.median(solution.rows("u")[i]))
+
+
+_LOOKS = 9  # points of a stretch at which a mode is held against the control
+
+
+def substitutes(problem: Problem, given: Candidate) -> Iterator[Candidate]:
+    """Yield candidates without the arcs that have no law, the best fitting modes first; nothing where all have one."""
+    possible = set(arc_modes(problem))
+    lawless = [k for k, modes in enumerate(given.arcs) if modes not in possible]
+    for i in range(len(problem.control_names)):
+        modes = {given.arcs[k][i] for k in lawless if given.arcs[k][i].kind in {"singular", "boundary"}}
+        for mode in modes:
+            ranked = sorted(
+                (other for other in control_modes(problem, i) if other != mode),
+                key=lambda other: _misfit(problem, given, (i, mode), other),
+            )
+            yield from (merged(_replaced(given, lawless, (i, mode), other)) for other in ranked)
+
+
+def _misfit(problem: Problem, given: Candidate, old: tuple[int, Mode], new: Mode) -> float:
+    i, mode = old
+    spans = [span for modes, span in zip(given.arcs, pairwise(given.edges), strict=True) if modes[i] == mode]
+    t = np.concatenate([np.linspace(a, b, _LOOKS + 2)[1:-1] for a, b in spans])
+    return float(misfit(problem, given.source, i, new, t).mean())
+
+
+def _replaced(given: Candidate, lawless: list[int], old: tuple[int, Mode], new: Mode) -> Candidate:
+    i, mode = old
+    arcs = tuple(
+        (*modes[:i], new, *modes[i + 1 :]) if k in lawless and modes[i] == mode else modes
+        for k, modes in enumerate(given.arcs)
+    )
+    return Candidate(arcs, given.edges, given.source)

@@ -1,0 +1,65 @@
+"""Words next to a word: without one of its arcs, or with one more."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from socp.model import Solution, Word
+from socp.search import mending
+from socp.search.candidate import Candidate, Joint, merged
+
+_SPROUT = 0.1  # of the shorter neighbour: the first length of an arc put between two
+
+
+def spelled(solution: Solution) -> Candidate:
+    """Return the word that a solution follows, as a candidate."""
+    word = Word.parse(_text(solution), solution.control_names)
+    return Candidate(word.arcs, (solution.initial_time, *solution.junctions.tolist(), solution.final_time), solution)
+
+
+def _text(solution: Solution) -> str:
+    rows = zip(*(arc.modes for arc in solution.arcs), strict=True)
+    return "; ".join(f"{name}: {' '.join(row)}" for name, row in zip(solution.control_names, rows, strict=True))
+
+
+def shortened(given: Candidate, shortest: float) -> Candidate:
+    """Return a candidate without its arcs that are at most so short, relative to the horizon."""
+    return merged(mending.without(given, shortest * (given.edges[-1] - given.edges[0])))
+
+
+def left_out(now: Candidate) -> Iterator[Candidate]:
+    """Yield a word without each of its arcs."""
+    yield from (dropped(now, k) for k in np.argsort(np.diff(now.edges)).tolist() if len(now.arcs) > 1)
+
+
+def dropped(now: Candidate, k: int) -> Candidate:
+    """Return a word without an arc, whose time its neighbours share."""
+    a, b = now.edges[k], now.edges[k + 1]
+    middle = b if k == 0 else a if k == len(now.arcs) - 1 else (a + b) / 2.0
+    edges = [*now.edges[:k], middle, *now.edges[k + 2 :]]
+    edges[0], edges[-1] = now.edges[0], now.edges[-1]
+    return merged(Candidate((*now.arcs[:k], *now.arcs[k + 1 :]), tuple(edges), now.source))
+
+
+def changed(now: Candidate, modes: Sequence[Joint]) -> Iterator[Candidate]:
+    """Yield words with one control in another mode on one arc."""
+    for k, arc in enumerate(now.arcs):
+        for mode in modes:
+            if sum(a != b for a, b in zip(mode, arc, strict=True)) == 1:
+                yield merged(Candidate((*now.arcs[:k], mode, *now.arcs[k + 1 :]), now.edges, now.source))
+
+
+def put_in(now: Candidate, modes: Sequence[Joint]) -> Iterator[Candidate]:
+    """Yield words with one arc more, at an end or between two, in whose mode one control differs from a neighbour."""
+    lengths = np.diff(now.edges)
+    for k in range(len(now.arcs) + 1):
+        before, after = (now.arcs[j] if 0 <= j < len(now.arcs) else None for j in (k - 1, k))
+        beside = [each for each in (before, after) if each is not None]
+        length, t = _SPROUT * min(lengths[j] for j in (k - 1, k) if 0 <= j < len(now.arcs)), now.edges[k]
+        left = t if before is None else t - length * (1.0 if after is None else 0.5)
+        right = t if after is None else t + length * (1.0 if before is None else 0.5)
+        edges = (*now.edges[:k], left, right, *now.edges[k + 1 :])
+        for mode in modes:
+            near = any(sum(a != b for a, b in zip(mode, each, strict=True)) < 2 for each in beside)
+            if near and mode not in beside:
+                yield Candidate((*now.arcs[:k], mode, *now.arcs[k:]), edges, now.source)

@@ -1,0 +1,163 @@
+"""Hidden arcs: bangs shorter than a step of the grid, found by how far they carry a control off its singular law."""
+
+from itertools import pairwise
+
+import casadi
+import numpy as np
+
+from socp import laws
+from socp.errors import MethodError
+from socp.model import Arc, Mode, Problem, Solution, parameters_of, time
+from socp.search.candidate import Candidate, insert, merged
+from socp.verdict import structure_of
+
+# a deviation counts from so many times the median one, which the grid's own error makes, and from this share of the
+# width of the control's box
+_CLEAR, _LEAST = 10.0, 0.01
+
+
+def revealed(problem: Problem, first: Candidate) -> Candidate:
+    """Return a candidate with a bang arc wherever a control leaves its singular law at an end of its stretch.
+
+    The integral of the deviation over the interval there, over how far the bang is off the law, is the length of the
+    arc. A neighbouring bang of the same sign explains a deviation by itself: its switch is smeared.
+    """
+    found = first
+    for i, name in enumerate(problem.control_names):
+        edges = _stretches(first, i)
+        for k, (mode, a, b) in enumerate(edges):
+            if mode != "s":
+                continue
+            beside = (edges[k - 1][0] if k else "", edges[k + 1][0] if k + 1 < len(edges) else "")
+            for t, bang in _bangs(problem, first, i, (a, b)):
+                if bang != beside[t > (a + b) / 2.0]:
+                    found = insert(found, problem.control_names.index(name), bang, t)
+    return found
+
+
+def _stretches(given: Candidate, i: int) -> list[tuple[str, float, float]]:
+    found: list[tuple[str, float, float]] = []
+    for arc, (a, b) in zip(given.arcs, pairwise(given.edges), strict=True):
+        mode = str(arc[i])
+        if found and found[-1][0] == mode:
+            found[-1] = (mode, found[-1][1], b)
+        else:
+            found.append((mode, a, b))
+    return found
+
+
+def _bangs(problem: Problem, given: Candidate, i: int, span: tuple[float, float]) -> list[tuple[float, str]]:
+    """Return the ends of a singular stretch of control i at which it deviates clearly, with the bound it goes to."""
+    t, off = _deviations(problem, given, i, span)
+    if t.size < 4:  # too short a stretch to tell a deviation from the law's own course
+        return []
+    low, high = problem.box[:, i]
+    level = max(_CLEAR * float(np.median(np.abs(off))), _LEAST * (high - low))
+    ends = ((0, span[0]), (-1, span[1]))
+    return [(at, "+" if off[k] > 0 else "-") for k, at in ends if abs(off[k]) > level]
+
+
+def _deviations(
+    problem: Problem, given: Candidate, i: int, span: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return the middles of the grid's intervals in a stretch (k,) and the mean deviation of control i there (k,)."""
+    middles: list[float] = []
+    means: list[float] = []
+    for modes, (a, b) in zip(given.arcs, pairwise(given.edges), strict=True):
+        if not span[0] <= (a + b) / 2.0 <= span[1]:
+            continue
+        try:
+            law = laws.arc_law(problem, modes)
+        except MethodError:
+            continue
+        if law.costate:
+            continue
+        function = casadi.Function("law", [problem.x, time, problem.p], [law.control[i]])
+        for arc in given.source.arcs:
+            for k in range(len(arc.mesh) - 1):
+                t = arc.t[arc.nodes(k, "u")]
+                if a <= t.mean() <= b:
+                    middles.append(float(t.mean()))
+                    means.append(_mean(problem, given, arc, (k, i, function)))
+    order = np.argsort(middles)
+    return np.array(middles)[order], np.array(means)[order]
+
+
+def _mean(problem: Problem, given: Candidate, arc: Arc, what: tuple[int, int, casadi.Function]) -> float:
+    k, i, law = what
+    nodes = arc.nodes(k, "u")
+    x, t = arc.x[:, nodes], arc.t[nodes]
+    p = np.repeat(parameters_of(problem, given.source)[:, None], t.size, axis=1)
+    off = arc.u[i, nodes] - law.map(t.size)(x, t[None, :], p).full().ravel()
+    ends = arc.t[arc.mesh[k : k + 2]]
+    tau = (2.0 * t - ends.sum()) / np.ptp(ends)
+    # the mean of the polynomial through the nodes: the first of its Legendre coefficients
+    return float(np.linalg.solve(np.polynomial.legendre.legvander(tau, t.size - 1), off)[0])
+
+
+def candidate(solution: Solution, stretches: dict[str, tuple[tuple[str, float, float], ...]]) -> Candidate:
+    """Return the word that the stretches of all controls spell together."""
+    start, end = solution.initial_time, solution.final_time
+    apart = 1e-9 * (end - start)
+    times = sorted({t for row in stretches.values() for _, _, t in row[:-1] if start + apart < t < end - apart})
+    edges = [start, *(t for k, t in enumerate(times) if k == 0 or t - times[k - 1] > apart), end]
+    arcs = []
+    for a, b in pairwise(edges):
+        middle = (a + b) / 2.0
+        arcs.append(tuple(Mode.parse(_mode(row, middle)) for row in stretches.values()))
+    return merged(Candidate(tuple(arcs), tuple(edges), solution))
+
+
+def _mode(row: tuple[tuple[str, float, float], ...], t: float) -> str:
+    return next((mode for mode, a, b in row if a <= t <= b), row[-1][0])
+
+
+def read(problem: Problem, solution: Solution, *, plain: bool = False) -> Candidate:
+    """Read the word of a direct solution, what its grid has smeared taken back, or as plainly as it stands."""
+    step = (solution.final_time - solution.initial_time) / sum(len(arc.mesh) - 1 for arc in solution.arcs)
+    rows = {}
+    for name, row in structure_of(problem, solution).items():
+        kept = list(row) if plain else _calmed(list(row), _FLUTTER * step)
+        while len(kept) > 1 and not plain:
+            blurred = [k for k, (mode, a, b) in enumerate(kept) if mode not in "+-" and b - a < _BLURRED * step]
+            if not blurred:
+                break
+            _absorb(kept, blurred[0])
+        rows[name] = tuple(kept)
+    return candidate(solution, rows)
+
+
+def _calmed(row: list[tuple[str, float, float]], shortest: float) -> list[tuple[str, float, float]]:
+    """Return stretches in which every flutter from bound to bound, shorter than a few steps each time, is singular."""
+    calm: list[tuple[str, float, float]] = []
+    for k, (mode, a, b) in enumerate(row):
+        flutters = 0 < k < len(row) - 1 and mode in "+-s" and b - a < shortest
+        new = "s" if flutters and len(row) > _MANY else mode
+        if calm and calm[-1][0] == new:
+            calm[-1] = (new, calm[-1][1], b)
+        else:
+            calm.append((new, a, b))
+    return calm
+
+
+def _absorb(row: list[tuple[str, float, float]], k: int) -> None:
+    """Divide a stretch between its neighbours."""
+    _, a, b = row.pop(k)
+    if k == 0:
+        row[0] = (row[0][0], a, row[0][2])
+    elif k == len(row):
+        row[-1] = (row[-1][0], row[-1][1], b)
+    else:
+        middle = (a + b) / 2.0
+        row[k - 1], row[k] = (row[k - 1][0], row[k - 1][1], middle), (row[k][0], middle, row[k][2])
+        if row[k - 1][0] == row[k][0]:
+            row[k - 1 : k + 1] = [(row[k][0], row[k - 1][1], row[k][2])]
+
+
+_BLURRED = 2.5  # steps of a grid: a stretch shorter than this, inside its box, is a switch that the grid has smeared
+
+
+_FLUTTER = 6.0  # steps of a grid: bangs in a row that are all shorter than this imitate a singular arc
+
+
+_MANY = 6  # stretches of one control from which on short bangs are taken for flutter

@@ -1,0 +1,12 @@
+from .bonmin import Bonmin as Bonmin
+from .contract import NLP as NLP
+from .contract import Backend as Backend
+from .contract import NLPPoint as NLPPoint
+from .contract import Reduced as Reduced
+from .decompositions import Decomposition as Decomposition
+from .ipopt import Ipopt as Ipopt
+from .process import Outcome as Outcome
+from .pyomo_model import pyomo_programme as pyomo_programme
+from .pyomo_model import write_nl as write_nl
+from .scip import Scip as Scip
+from .worker import end_with as end_with

@@ -1,0 +1,62 @@
+"""Nonlinear programmes as frozen records, the points that solvers return, and the protocol of a backend."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Generic, Protocol, TypeVar, final
+
+import numpy as np
+
+from socp.model import Expr, Stop, Watch, silent
+
+Q = TypeVar("Q")
+S = TypeVar("S")
+T = TypeVar("T")
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NLP:
+    """Minimise f(v) subject to v_box[0] <= v <= v_box[1] and g_box[0] <= g(v) <= g_box[1].
+
+    v (n, 1), f (1, 1) and g (m, 1) are casadi SX; v_box (2, n); g_box (2, m); binary (n,) flags what must be 0 or 1.
+    """
+
+    v: Expr
+    f: Expr
+    g: Expr
+    v_box: np.ndarray
+    g_box: np.ndarray
+    binary: np.ndarray
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NLPPoint:
+    """A point v (n,) with its multipliers: the Lagrangian is f + lam_g . g + lam_v . v."""
+
+    v: np.ndarray
+    objective: float = float("nan")
+    lam_v: np.ndarray | None = None
+    lam_g: np.ndarray | None = None
+    stop: Stop = Stop.FAILED
+    message: str = ""
+    iterations: int = 0
+    trace: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+
+class Backend(Protocol):
+    """Anything that solves an NLP from a guess."""
+
+    def __call__(self, nlp: NLP, guess: NLPPoint, watch: Watch = silent) -> NLPPoint:
+        """Solve; a failure is a point with its `stop`, not an exception."""
+
+
+@final
+@dataclass(frozen=True)
+class Reduced(Generic[Q, S, T]):
+    """A problem rewritten: `push` carries a guess down into it, `lift` carries a point back up."""
+
+    problem: Q
+    push: Callable[[S], T]
+    lift: Callable[[T], S]

@@ -1,0 +1,12 @@
+from .census import explore as explore
+from .census import recipe as recipe
+from .census import survey as survey
+from .clusters import Census as Census
+from .clusters import Cluster as Cluster
+from .frontier import Frontier as Frontier
+from .frontier import best_by_switches as best_by_switches
+from .frontier import distinct as distinct
+from .frontier import limit as limit
+from .frontier import limited as limited
+from .store import Kept as Kept
+from .store import fingerprint as fingerprint

@@ -1,0 +1,272 @@
+"""Where the objectives of a sequence of words tend to."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import final
+
+import numpy as np
+
+from socp.errors import MethodError, SolveError
+from socp.laws import arc_modes
+from socp.methods import Follower, arranged, sound
+from socp.model import SHORTEST, Problem, Solution, Stop, Watch, Word, silent
+from socp.process import breakable
+from socp.search import Candidate, Joint, changed, dropped, left_out, mends, put_in, read, shortened, spelled
+from socp.solvers import Backend, Ipopt
+from socp.verdict import chattering, judge
+
+_ROUNDING = 1e-11  # relative: what a difference of two objectives has to exceed to say anything
+_ALIKE = 2.0  # times: what two ratios tell of the rest; further apart the rest is not known to its first digit
+
+
+def limit(solutions: Sequence[Solution]) -> float | None:
+    """Return Aitken's extrapolation of the objectives, of the last three that differ by more than rounding.
+
+    It is the limit of a sequence that converges geometrically, and of no other. None where the last four are none: what
+    is left of a geometric sequence is a fixed share of its last step, which both ratios of the steps tell alike.
+    """
+    values = [solution.objective for solution in solutions]
+    steps = np.diff(values)
+    clear = [k for k in range(1, len(steps)) if abs(steps[k]) > _ROUNDING * abs(values[-1])]
+    if not clear or clear[-1] < 2:
+        return None
+    k = clear[-1]
+    ratios = steps[k] / steps[k - 1], steps[k - 1] / steps[k - 2]
+    if not all(0.0 < ratio < 1.0 for ratio in ratios):
+        return None
+    left, before = (ratio / (1.0 - ratio) for ratio in ratios)
+    return float(values[k + 1] + left * steps[k]) if max(left, before) <= _ALIKE * min(left, before) else None
+
+
+def told(solutions: Sequence[Solution]) -> str:
+    """Say in a sentence what the objective is for every number of switches, and where it tends to."""
+    said = ", ".join(f"{len(each.arcs) - 1}: {each.objective:.12g}" for each in solutions)
+    end, ratios = limit(solutions), shortening(solutions[-1])
+    tends = "" if end is None else f"; Aitken's extrapolation of the last three is {end:.12g}"
+    law = f"; arcs between switches shorten by {', '.join(f'{each:.4g}' for each in ratios)}" if ratios else ""
+    return f"best objective by number of switches {said}{tends}{law}"
+
+
+def shortening(solution: Solution) -> list[float]:
+    """Return what the length of every arc between two switches is times the one before; none unless all shorten."""
+    lengths = np.diff(solution.junctions)
+    ratios = (lengths[1:] / lengths[:-1]).tolist()
+    return ratios if all(0.0 < each < 1.0 for each in ratios) else []
+
+
+_ALL = 200  # words up to which every one of them is solved
+_MOST = 240  # words solved at most where they are too many for that
+_WIDTH = 2  # words of every number of switches from which others are made
+_PASSES = 3  # down and up through the numbers of switches
+_FEASIBLE = 1e-6  # violation found by re-integration up to which a word counts
+_BETTER = 1e-9  # relative: a smaller gain is rounding, and a word with fewer switches does as well
+_BACKEND = Ipopt({"tol": 1e-11, "max_iter": 300})
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Frontier:
+    """The best solution with at most so many switches, for each number; None where no word that was tried is feasible.
+
+    `rows[n]` is judged; `words` counts those solved; `every` tells whether these were all words of at most so many
+    switches.
+    """
+
+    rows: tuple[Solution | None, ...]
+    words: int
+    every: bool
+    interrupted: bool = False
+
+    @property
+    def best(self) -> Solution | None:
+        """The solution of the best objective."""
+        return self.rows[-1]
+
+
+@final
+@dataclass(eq=False)
+class _Trials:
+    """The words solved so far, the best ones of every number of switches, and how to solve another."""
+
+    problem: Problem
+    most: int
+    dwell: float
+    backend: Backend
+    watch: Watch
+    width: int = _WIDTH
+    found: list[list[Solution]] = field(init=False)
+    tried: set[str] = field(default_factory=set)
+    words: int = 0
+    interrupted: bool = False
+
+    def __post_init__(self) -> None:
+        self.found = [[] for _ in range(self.most + 1)]
+
+    def solve(self, given: Candidate) -> bool:
+        """Solve a word that is new and has few enough switches; returns whether it did better than those before."""
+        count = len(given.arcs) - 1
+        over = self.interrupted or self.words >= max(_MOST, _ALL)
+        if over or not 0 <= count <= self.most or given.key in self.tried:
+            return False
+        self.tried.add(given.key)
+        self.words += 1
+        try:
+            solution = self._solved(given)
+        except (MethodError, SolveError):
+            return False
+        self.interrupted |= solution.stop is Stop.INTERRUPTED
+        if not solution.stop.ok or not sound(self.problem, solution):
+            return False
+        return self._kept(solution)
+
+    def all(self, given: Iterable[Candidate]) -> bool:
+        """Solve words; returns whether any did better than those before."""
+        return any([self.solve(each) for each in given])  # noqa: C419 - all of them, whichever is better
+
+    def _solved(self, given: Candidate) -> Solution:
+        word = Word(self.problem.control_names, given.arcs)
+        follower = Follower(dwell=self.dwell, longer=False, backend=self.backend)
+        solution = follower(self.problem, word, given.guess(), self._told(str(word)))
+        if solution.stop.ok and not sound(self.problem, solution):
+            solution = replace(follower, boxed=True)(self.problem, word, given.guess(), self._told(str(word)))
+        return solution
+
+    def _told(self, word: str) -> Watch:
+        if self.watch is silent:
+            return silent
+        best = self.best(self.most)
+        value = float("nan") if best is None else best.objective
+        stage = f"word {self.words}"
+        return lambda now: self.watch(replace(now, stage=stage, word=word, best=value))
+
+    def _kept(self, solution: Solution) -> bool:
+        """Keep a solution among the best of its number of switches, without arcs that have vanished."""
+        solution = judge(self.problem, solution)
+        if solution.verdict is None or not solution.verdict.miss <= _FEASIBLE:
+            return False
+        lean = shortened(spelled(solution), SHORTEST)
+        if self.dwell == 0.0 and len(lean.arcs) < len(solution.arcs):
+            self.solve(lean)
+        row = self.found[len(solution.arcs) - 1]
+        better = not row or solution.objective < row[0].objective
+        row[:] = sorted([*row, solution], key=lambda each: each.objective)[: self.width]
+        return better
+
+    def best(self, switches: int) -> Solution | None:
+        """Return the best solution with at most so many switches, that with the fewest where others do no better."""
+        best: Solution | None = None
+        for row in self.found[: switches + 1]:
+            if row and (best is None or row[0].objective < best.objective - _BETTER * abs(best.objective)):
+                best = row[0]
+        return best
+
+
+def best_by_switches(
+    problem: Problem, most: int, start: Solution, dwell: float = 0.0,
+    backend: Backend | None = None, watch: Watch = silent,
+) -> Frontier:  # fmt: skip
+    """Return the best objective for every number of switches up to the most.
+
+    A switch is a time at which any control changes its mode; `dwell` is the least time between two of them, and from
+    the ends of the horizon to the nearest. Where there are few enough words, each is solved; otherwise those that come
+    of the start's word, and of the best ones found, by leaving arcs out and by putting others in.
+    Raises MethodError for a number or a time out of range.
+    """
+    if most < 0 or not dwell >= 0.0:
+        raise MethodError(f"frontier: at most {most} switches, dwell {dwell:g}: both must be at least 0")
+    modes = arc_modes(problem)
+    every = sum(len(modes) * (len(modes) - 1) ** n for n in range(most + 1)) <= _ALL
+    return _frontier(_Trials(problem, most, dwell, backend or _BACKEND, watch), modes, start, every=every)
+
+
+def _frontier(trials: "_Trials", modes: Sequence[Joint], start: Solution, *, every: bool) -> Frontier:
+    try:
+        with breakable():
+            (_everything if every else _beam)(trials, modes, start)
+    except KeyboardInterrupt:  # between two solves; inside one the backend stops by itself
+        trials.interrupted = True
+    rows = tuple(trials.best(n) for n in range(trials.most + 1))
+    return Frontier(rows, trials.words, every and not trials.interrupted, trials.interrupted)
+
+
+def best_word(
+    problem: Problem, at_most: int, start: Solution, backend: Backend | None = None, watch: Watch = silent
+) -> list[Solution]:
+    """Return the best judged solution for every number of switches up to `at_most` with which there is a better one."""
+    trials = _Trials(problem, at_most, 0.0, backend or _BACKEND, watch, width=1)
+    return distinct(_frontier(trials, arc_modes(problem), start, every=False))
+
+
+def distinct(found: Frontier) -> list[Solution]:
+    """Return the rows of a frontier that are better than the ones before."""
+    rows = [row for row in found.rows if row is not None]
+    return [row for k, row in enumerate(rows) if k == 0 or row is not rows[k - 1]]
+
+
+def limited(problem: Problem, found: Solution, at_most: int, watch: Watch = silent) -> Solution:
+    """Return the best word of at most so many switches where a solution chatters, with the frontier in its message.
+
+    Any other solution comes back as it is, as does one of so few switches that no such word is better than.
+    """
+    if at_most < 1 or found.extremal or not found.stop.ok or not found.structure or not chattering(problem, found):
+        return found
+    trials = _Trials(problem, at_most, 0.0, _BACKEND, watch, width=1)
+    seen = _frontier(trials, arc_modes(problem), found, every=False)
+    rows = distinct(seen)
+    if seen.interrupted:
+        return replace(found, stop=Stop.INTERRUPTED)
+    worse = bool(rows) and rows[-1].objective > found.objective + _BETTER * abs(found.objective)
+    if not rows or (worse and len(found.switches) <= at_most):
+        return found
+    return replace(rows[-1].after(found), message=f"{found.message}; {told(rows)}")
+
+
+def _everything(trials: _Trials, modes: Sequence[Joint], start: Solution) -> None:
+    """Solve every word, shorter ones first."""
+    for count in range(trials.most + 1):
+        for arcs in _words(modes, count + 1):
+            word = Word(trials.problem.control_names, arcs)
+            source = trials.best(count) or start
+            guess = arranged(trials.problem, source, word)
+            trials.solve(Candidate(arcs, (guess.initial_time, *guess.junctions.tolist(), guess.final_time), source))
+
+
+def _words(modes: Sequence[Joint], count: int) -> Iterator[tuple[Joint, ...]]:
+    if count == 0:
+        yield ()
+        return
+    for before in _words(modes, count - 1):
+        yield from ((*before, mode) for mode in modes if not before or mode != before[-1])
+
+
+def _beam(trials: _Trials, modes: Sequence[Joint], start: Solution) -> None:
+    """Solve the words that come of the start's, and of the best found, until none of them does better."""
+    own = all(mode != "*" for arc in start.arcs for mode in arc.modes)
+    seed = spelled(start) if own else read(trials.problem, start)
+    for mode in modes:
+        trials.solve(Candidate((mode,), (seed.edges[0], seed.edges[-1]), seed.source))
+    trials.solve(seed)
+    _shortened(trials, seed)
+    for _ in range(_PASSES):
+        better = False
+        for n in range(trials.most, 0, -1):
+            for solution in list(trials.found[n]):
+                fewer = list(left_out(spelled(solution)))
+                better |= trials.all(fewer)
+                if not any(trials.found[:n]):
+                    better |= trials.all(each for word in fewer for each in changed(word, modes))
+        for n in range(trials.most):
+            for solution in list(trials.found[n]):
+                now = spelled(solution)
+                longer = [*mends(trials.problem, now, solution), *put_in(now, modes)]
+                better |= trials.all(longer)
+        if not better:
+            break
+
+
+def _shortened(trials: _Trials, seed: Candidate) -> None:
+    """Solve the words that a seed with too many switches comes to when its shortest arcs go first."""
+    while len(seed.arcs) > 1:
+        lengths = np.diff(seed.edges)
+        seed = dropped(seed, int(np.argmin(lengths)))
+        trials.solve(seed)

@@ -1,0 +1,5 @@
+"""From arcs and meshes to programmes, and back: schemes as tables, collocation, shooting."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,207 @@
+"""The one transcription: a phased problem on a mesh becomes a nonlinear programme, and its points solutions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import accumulate, pairwise
+from typing import final
+
+import casadi
+import numpy as np
+
+from socp.errors import MethodError
+from socp.model import Expr, Solution, column, final_time, initial_time, time
+from socp.solvers import NLP, NLPPoint, Reduced
+from socp.transcription.lifting import Layout, lift, mapped, push
+from socp.transcription.mesh import Mesh, Table, table, uniform
+from socp.transcription.phases import PhasedProblem
+
+__all__ = ["Mesh", "Table", "collocate", "table", "uniform"]
+
+
+def collocate(phased: PhasedProblem, meshes: Sequence[Mesh]) -> Reduced[NLP, Solution, NLPPoint]:
+    """Transcribe a phased problem on one mesh a phase.
+
+    Variables: initial time, phase lengths, parameters, states at all nodes (shared between neighbours), free controls
+    at the collocated nodes, carried quantities, binaries a phase.
+    `lift` gives costates by the covector map: -(B' multipliers) / weights at collocated nodes
+    within an interval, and where intervals meet the sensitivity of the Lagrangian, which has the order of the scheme
+    (on the side of the jump that is collocated). Raises MethodError where the meshes do not fit the phases.
+    """
+    if len(meshes) != len(phased.phases):
+        raise MethodError(f"{len(meshes)} meshes for {len(phased.phases)} phases; give one mesh a phase")
+    grid = _grid(phased, [table(mesh) for mesh in meshes])
+    rows = _Rows([], [], [])
+    cost, defects = _dynamics(grid, rows)
+    path = _path(grid, rows)
+    _conditions(grid, rows)
+    layout = _layout(grid, defects, path)
+    mayer = casadi.substitute(phased.of.mayer, _end_symbols(phased), _end_values(grid))
+    z = casadi.vertcat(casadi.SX(0, 1), *(phase.z for phase in phased.phases))
+    parts = [casadi.vec(each) for each in (grid.X, *grid.V, *grid.Y)]
+    v = casadi.vertcat(grid.starts[0], grid.lengths, grid.p, *parts, z)
+    nlp = NLP(
+        v=v, f=cost + mayer, g=casadi.vertcat(casadi.SX(0, 1), *rows.blocks), v_box=_box(layout),
+        g_box=np.hstack([np.zeros((2, 0)), *([low, high] for low, high in zip(rows.low, rows.high, strict=True))]),
+        binary=np.arange(v.numel()) >= v.numel() - z.numel(),
+    )  # fmt: skip
+    return Reduced(nlp, partial(push, layout), partial(lift, layout))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """The symbols of a transcription.
+
+    first: first node of every phase and the last node; lengths (phases, 1); p (np, 1); X (nx, nodes); V: free controls
+    (nv, collocated) a phase; Y: carried quantities (ny, its nodes) a phase; starts: times at which the phases begin,
+    and the final time.
+    """
+
+    phased: PhasedProblem
+    tables: list[Table]
+    first: list[int]
+    lengths: Expr
+    p: Expr
+    X: Expr
+    V: list[Expr]
+    Y: list[Expr]
+    starts: list[Expr]
+
+    def times(self, k: int) -> Expr:
+        """Return the times of all nodes of a phase, as a row."""
+        return self.starts[k] + self.lengths[k] * casadi.DM(self.tables[k].tau).T
+
+
+def _grid(phased: PhasedProblem, tables: list[Table]) -> _Grid:
+    first = list(accumulate((t.tau.size - 1 for t in tables), initial=0))
+    lengths, t0 = casadi.SX.sym("h", len(tables)), casadi.SX.sym("t0")
+    return _Grid(
+        phased=phased, tables=tables, first=first, lengths=lengths,
+        p=casadi.SX.sym("p", phased.of.p.numel()),
+        X=casadi.SX.sym("X", phased.of.x.numel(), first[-1] + 1),
+        V=[casadi.SX.sym("V", f.free.numel(), t.collocated.size) for f, t in zip(phased.phases, tables, strict=True)],
+        Y=[casadi.SX.sym("Y", f.carried.numel(), t.tau.size) for f, t in zip(phased.phases, tables, strict=True)],
+        starts=[t0, *(t0 + casadi.sum1(lengths[: k + 1]) for k in range(len(tables)))],
+    )  # fmt: skip
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Collects constraint blocks with their bounds and tells where each one stands."""
+
+    blocks: list[Expr]
+    low: list[np.ndarray]
+    high: list[np.ndarray]
+
+    def add(self, block: Expr, low: float, high: float) -> slice:
+        """Add low <= block <= high, column after column; returns its rows in g."""
+        size, count = sum(each.size for each in self.low), block.numel()
+        self.blocks.append(casadi.vec(block))
+        self.low.append(np.full(count, low))
+        self.high.append(np.full(count, high))
+        return slice(size, size + count)
+
+
+def _dynamics(grid: _Grid, rows: _Rows) -> tuple[Expr, list[slice]]:
+    """Add the defects of every phase and the boxes of its laws; returns running cost and the rows of the defects."""
+    problem, cost, defects, laws = grid.phased.of, casadi.SX(0), [], []
+    for k, (t, phase) in enumerate(zip(grid.tables, grid.phased.phases, strict=True)):
+        given = [problem.x, phase.free, phase.carried, time, problem.p, phase.z]
+        rate, running = (casadi.substitute(e, problem.u, phase.control) for e in (problem.rate, problem.lagrangian))
+        at, length = t.collocated.tolist(), grid.lengths[k]
+        X = grid.X[:, grid.first[k] : grid.first[k + 1] + 1]
+        along = [X[:, at], grid.V[k], grid.Y[k][:, at], grid.times(k)[:, at], grid.p, phase.z]
+        function = casadi.Function("rate", given, [casadi.vertcat(rate, phase.carried_rate), running])
+        F, L = mapped(function, along)
+        for i in [i for i, mode in enumerate(phase.modes) if phase.boxed and mode.kind in {"singular", "boundary"}]:
+            if not phase.control[i].is_constant():
+                (values,) = mapped(casadi.Function("law", given, [phase.control[i]]), along)
+                laws.append((values, *problem.box[:, i]))
+        for row, low, high in phase.choice.along if phase.choice else ():
+            laws.append((*mapped(casadi.Function("row", given, [row]), along), low, high))
+        cost += length * casadi.dot(L.T, casadi.DM(t.weights[at]))
+        left = casadi.mtimes(casadi.vertcat(X, grid.Y[k]), casadi.DM(t.A).T)
+        defects.append(rows.add(left - length * casadi.mtimes(F, casadi.DM(t.B[:, at]).T), 0.0, 0.0))
+    for values, low, high in laws:
+        rows.add(values, low, high)
+    return cost, defects
+
+
+def _closed(phased: PhasedProblem, first: list[int], name: str) -> np.ndarray:
+    """Return a mask (nodes,) of the closed arcs whose law keeps a state constraint."""
+    mask = np.zeros(first[-1] + 1, dtype=bool)
+    for k, phase in enumerate(phased.phases):
+        if name in phase.kept:
+            mask[first[k] : first[k + 1] + 1] = True
+    return mask
+
+
+def _path(grid: _Grid, rows: _Rows) -> dict[str, tuple[np.ndarray, slice]]:
+    """Add the path constraints where no law keeps them; bounds of states are bounds of variables."""
+    problem, found = grid.phased.of, {}
+    T = casadi.horzcat(*(grid.times(k)[:, :-1] for k in range(len(grid.tables))), grid.starts[-1])
+    for constraint in problem.constraints:
+        if constraint.name in problem.path:
+            nodes = np.flatnonzero(~_closed(grid.phased, grid.first, constraint.name))
+            function = casadi.Function("c", [problem.x, time, problem.p], [constraint.expression])
+            (values,) = mapped(function, [grid.X[:, nodes.tolist()], T[nodes.tolist()], grid.p])
+            found[constraint.name] = (nodes, rows.add(values, -np.inf, 0.0))
+    return found
+
+
+def _conditions(grid: _Grid, rows: _Rows) -> None:
+    """Add what holds at single times: entries of arcs, end conditions, the final time."""
+    phased, problem = grid.phased, grid.phased.of
+    for k, phase in enumerate(phased.phases):
+        if phase.entry:
+            entry = casadi.Function("entry", [problem.x, phase.carried, time, problem.p], [column(phase.entry)])
+            rows.add(entry(grid.X[:, grid.first[k]], grid.Y[k][:, 0], grid.starts[k], grid.p), 0.0, 0.0)
+        for row, low, high in phase.choice.entry if phase.choice else ():
+            entry = casadi.Function("entry", [problem.x, phase.carried, time, problem.p, phase.z], [row])
+            rows.add(entry(grid.X[:, grid.first[k]], grid.Y[k][:, 0], grid.starts[k], grid.p, phase.z), low, high)
+    for row, low, high in phased.rules:
+        rows.add(row, low, high)
+    for condition in problem.conditions:
+        value = casadi.substitute(condition.expression, _end_symbols(phased), _end_values(grid))
+        rows.add(value, 0.0 if condition.equation else -np.inf, 0.0)
+    if np.isfinite(problem.final_time_box).any():
+        rows.add(grid.starts[-1], *problem.final_time_box)
+
+
+def _end_symbols(phased: PhasedProblem) -> Expr:
+    return casadi.vertcat(phased.of.x, phased.of.x0, phased.of.p, initial_time, final_time)
+
+
+def _end_values(grid: _Grid) -> Expr:
+    return casadi.vertcat(grid.X[:, -1], grid.X[:, 0], grid.p, grid.starts[0], grid.starts[-1])
+
+
+def _layout(grid: _Grid, defects: list[slice], path: dict[str, tuple[np.ndarray, slice]]) -> Layout:
+    sizes = [1, len(grid.tables), grid.p.numel(), grid.X.numel()]
+    sizes += [each.numel() for each in (*grid.V, *grid.Y, *(phase.z for phase in grid.phased.phases))]
+    _, lengths, parameters, states, *rest = (slice(a, b) for a, b in pairwise(accumulate(sizes, initial=0)))
+    free, carried, binaries = (rest[k * len(grid.V) : (k + 1) * len(grid.V)] for k in range(3))
+    return Layout(
+        phased=grid.phased, tables=grid.tables, first=grid.first, lengths=lengths, parameters=parameters, states=states,
+        free=free, carried=carried, binaries=binaries, defects=defects, path=path,
+    )  # fmt: skip
+
+
+def _box(layout: Layout) -> np.ndarray:
+    """Return the bounds of the variables (2, n)."""
+    problem, phased, first = layout.phased.of, layout.phased, layout.first
+    low, high = (np.repeat(row[:, None], first[-1] + 1, axis=1) for row in problem.state_box)
+    for i, name in enumerate(problem.state_names):
+        low[i, _closed(phased, first, f"{name}.lower")] = -np.inf
+        high[i, _closed(phased, first, f"{name}.upper")] = np.inf
+    for node, ends in ((0, problem.start_box), (-1, problem.end_box)):
+        low[:, node], high[:, node] = np.maximum(low[:, node], ends[0]), np.minimum(high[:, node], ends[1])
+    lengths = np.array([phase.length for phase in layout.phased.phases]).T
+    times = np.array(problem.initial_time_box)[:, None]
+    free = [np.tile(phase.box, t.collocated.size) for phase, t in zip(phased.phases, layout.tables, strict=True)]
+    carried = sum(each.stop - each.start for each in layout.carried)
+    unbounded = np.repeat([[-np.inf], [np.inf]], carried, axis=1)
+    unit = np.repeat([[0.0], [1.0]], sum(each.stop - each.start for each in layout.binaries), axis=1)
+    return np.hstack([times, lengths, problem.parameter_box, [low.T.ravel(), high.T.ravel()], *free, unbounded, unit])

@@ -1,0 +1,141 @@
+"""Meshes of a phase: the schemes of its intervals joined into one table."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate
+from typing import final
+
+import numpy as np
+from scipy import sparse
+
+from socp.errors import MethodError
+from socp.model import Arc
+from socp.transcription.schemes import Scheme, Side, lgr
+
+Mesh = Sequence[tuple[float, Scheme]]  # intervals of one phase: (share of its length, scheme)
+
+
+def uniform(scheme: Scheme, intervals: int) -> Mesh:
+    """Return a mesh of equal intervals; MethodError for fewer than one."""
+    if intervals < 1:
+        raise MethodError(f"mesh: {intervals} intervals where 1 or more are needed")
+    return [(1.0 / intervals, scheme)] * intervals
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Table:
+    """The schemes of a mesh put together on [0, 1]: defects A X - length * B F = 0 over all n nodes of a phase.
+
+    tau (n,); A and B (m, n) sparse; weights (n,) sum to 1; mesh (k + 1,) node indices of the interval ends; edges
+    (2, k): the weights that every interval by itself gives to its first and its last node.
+    """
+
+    tau: np.ndarray
+    A: sparse.csr_matrix
+    B: sparse.csr_matrix
+    weights: np.ndarray
+    mesh: np.ndarray
+    edges: np.ndarray
+    side: Side
+
+    @cached_property
+    def collocated(self) -> np.ndarray:
+        """Indices of the nodes that carry a control."""
+        return np.flatnonzero(self.weights > 0)
+
+    def at_edges(self, matrix: sparse.csr_matrix, last: int) -> sparse.csr_matrix:
+        """Return the part (m, k) of A or B that acts on the first (last = 0) or last (1) node of every interval."""
+        entries = matrix.tocoo()
+        interval = np.searchsorted(self.mesh, entries.row, side="right") - 1
+        here = entries.col == self.mesh[interval + last]
+        return _sparse(entries.data * here, entries.row, interval, (matrix.shape[0], self.mesh.size - 1))
+
+
+def table(mesh: Mesh) -> Table:
+    """Join the intervals of a mesh; neighbours share the node between them.
+
+    Raises MethodError for a mesh without intervals, a share that is not positive, or schemes that do not fit together.
+    """
+    _check(mesh)
+    shares = np.array([share for share, _ in mesh], dtype=float) / sum(share for share, _ in mesh)
+    ends = np.append(0.0, np.cumsum(shares))
+    corners = np.array(list(accumulate((s.nodes.size - 1 for _, s in mesh), initial=0)))
+    tau, weights = np.zeros(corners[-1] + 1), np.zeros(corners[-1] + 1)
+    entries: list[tuple[np.ndarray, ...]] = []
+    for k, (_, scheme) in enumerate(mesh):
+        here = slice(corners[k], corners[k + 1] + 1)
+        tau[here] = ends[k] + shares[k] * (scheme.nodes + 1.0) / 2.0
+        weights[here] += shares[k] / 2.0 * scheme.weights
+        row, column = (place.ravel() + corners[k] for place in np.indices(scheme.A.shape))
+        entries.append((row, column, scheme.A.ravel(), shares[k] / 2.0 * scheme.B.ravel()))
+    tau[-1] = 1.0
+    rows, columns, a, b = (np.concatenate(part) for part in zip(*entries, strict=True))
+    A, B = (_sparse(data, rows, columns, (corners[-1], tau.size)) for data in (a, b))
+    edges = shares / 2.0 * np.array([scheme.weights[[0, -1]] for _, scheme in mesh]).T
+    return Table(tau, A, B, weights, corners, edges, mesh[0][1].side)
+
+
+def _check(mesh: Mesh) -> None:
+    if not mesh:
+        raise MethodError("mesh: a phase needs at least one interval")
+    for share, scheme in mesh:
+        if not 0.0 < share < np.inf:
+            raise MethodError(f"mesh: an interval has share {share} of its phase where a positive number is needed")
+        if scheme.side != mesh[0][1].side:
+            raise MethodError(f"mesh: {mesh[0][1].name} and {scheme.name} collocate different ends; use one of them")
+
+
+def _sparse(data: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) -> sparse.csr_matrix:
+    kept = data != 0
+    return sparse.csr_matrix((data[kept], (rows[kept], columns[kept])), shape)
+
+
+_GROWTH = 4  # no more than four times the intervals at once: an estimate from a poor mesh exaggerates
+_BEYOND = 0.01  # of the tolerance, aimed at by what is split: one more mesh costs more than some more intervals
+_CROWD = 64  # intervals in one arc; what is not smooth by then is no arc
+
+
+def tails(arc: Arc, scale: np.ndarray) -> np.ndarray:
+    """Return the last two Legendre coefficients of every interval's states (k,), relative to scale (nx,)."""
+    found = []
+    for k in range(len(arc.mesh) - 1):
+        nodes = arc.nodes(k)
+        t, x = arc.t[nodes], arc.x[:, nodes]
+        if _merged(t):
+            found.append(0.0)
+            continue
+        tau = 2.0 * (t - t[0]) / (t[-1] - t[0]) - 1.0
+        coefficients = np.linalg.solve(np.polynomial.legendre.legvander(tau, t.size - 1), x.T)
+        found.append(float(np.max(np.abs(coefficients[-2:]) / scale)))
+    return np.array(found)
+
+
+def refined(arcs: tuple[Arc, ...], scale: np.ndarray, points: int, tolerance: float) -> list[Mesh] | None:
+    """Return meshes that split every interval into as many as the tolerance needs, None where all have converged."""
+    meshes: list[Mesh] = []
+    grown = False
+    for arc in arcs:
+        ends = arc.t[arc.mesh]
+        shares = np.full(ends.size - 1, 1.0) if _merged(ends) else np.diff(ends)
+        # the error of an interval falls with its length to the power of its degree
+        tail = tails(arc, scale)
+        parts = np.ceil(np.clip((tail / (_BEYOND * tolerance)) ** (1.0 / points), 1.0, _GROWTH)).astype(int)
+        wanted = np.where(tail > tolerance, parts, 1)
+        if shares.size >= _CROWD:
+            wanted[:] = 1
+        grown |= bool((wanted > 1).any())
+        meshes.append(
+            [
+                (float(share) / count, lgr(points))
+                for share, count in zip(shares, wanted, strict=True)
+                for _ in range(count)
+            ]
+        )
+    return meshes if grown else None
+
+
+def _merged(t: np.ndarray) -> bool:
+    """Tell whether an arc has shrunk until rounding merges its times t (n,), or turns their order."""
+    return bool(np.diff(t).min() <= 4 * np.spacing(np.abs(t).max()))

@@ -1,0 +1,142 @@
+"""Problems cut into phases: one control law on each, free lengths between the switching times."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import final
+
+import casadi
+import numpy as np
+
+from socp import laws
+from socp.model import Expr, Mode, Problem, Word, column, time
+
+_ROUNDING = 1e-12  # of the start's values: what an entry condition leaves there that they meet
+
+Row = tuple[Expr, float, float]  # an expression with the bounds that it has to keep
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Choice:
+    """The modes that an arc chooses among by binaries, which are constant on it.
+
+    `z` (nz, 1) holds the binaries: one a mode of every control but its last mode, which it is in where none of them is
+    1. `modes[i]` are those of control i, `weights[i]` their shares as expressions of z: 1 for the mode it is in.
+    `along` holds rows in x, free, carried, t, p, z that bind at every collocated node, `entry` those that bind where
+    the arc begins, without the free controls.
+    """
+
+    z: Expr
+    modes: tuple[tuple[Mode, ...], ...]
+    weights: tuple[tuple[Expr, ...], ...]
+    along: tuple[Row, ...] = ()
+    entry: tuple[Row, ...] = ()
+
+    def values(self, modes: Sequence[str]) -> np.ndarray:
+        """Return binaries (nz,) for modes as a word spells them; even shares where a mode is not among the choices."""
+        found: list[float] = []
+        for own, mode in zip(self.modes, modes, strict=True):
+            spelled = [str(each) for each in own]
+            known = mode in spelled
+            found += [float(each == mode) if known else 1.0 / len(own) for each in spelled[:-1]]
+        return np.array(found)
+
+    def read(self, z: np.ndarray) -> tuple[Mode, ...]:
+        """Return the modes that binaries (nz,) choose, those of the largest share where they are fractions."""
+        found, at = [], 0
+        for own in self.modes:
+            shares = z[at : at + len(own) - 1]
+            found.append(own[int(np.argmax([*shares, 1.0 - shares.sum()]))])
+            at += len(own) - 1
+        return tuple(found)
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Phase:
+    """One arc as it is transcribed.
+
+    `control` (nu, 1) is an expression of x, t, p, of `free` (nv, 1), the controls that are collocated within `box`
+    (2, nv), and of `carried` (ny, 1), quantities with a `carried_rate` (ny, 1) of their own that are integrated along
+    with the states: the costate, where a law needs it. `entry` holds expressions of x, carried, t, p that vanish where
+    the arc begins; `kept` names the state constraints that the law itself keeps from there on: imposed again on this
+    arc, they would be dependent. `length` bounds the arc's length; `boxed` imposes the box on the values of the law,
+    which a right word keeps by itself. Where there is a `choice`, `control` depends on its binaries too, and `modes`
+    is what the arc is taken for while they are not known.
+    """
+
+    modes: tuple[Mode, ...]
+    control: Expr
+    free: Expr
+    box: np.ndarray
+    entry: tuple[Expr, ...] = ()
+    kept: frozenset[str] = frozenset()
+    length: tuple[float, float] = (0.0, np.inf)
+    boxed: bool = False
+    carried: Expr = field(default_factory=partial(column, ()))
+    carried_rate: Expr = field(default_factory=partial(column, ()))
+    choice: Choice | None = None
+
+    @property
+    def z(self) -> Expr:
+        """Binaries of the arc (nz, 1), none where its modes are given."""
+        return column(()) if self.choice is None else self.choice.z
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PhasedProblem:
+    """A problem with the phases that its horizon is cut into, and rows in the binaries of several of them."""
+
+    of: Problem
+    phases: tuple[Phase, ...]
+    rules: tuple[Row, ...] = ()
+
+
+def single_phase(problem: Problem, phases: int = 1) -> PhasedProblem:
+    """Return the problem with all controls collocated, in one phase or in a given number of phases of free lengths."""
+    free = Word(problem.control_names, ((Mode("free"),) * len(problem.control_names),) * phases)
+    return follow(problem, free)
+
+
+def follow(problem: Problem, word: Word) -> PhasedProblem:
+    """Return the problem on the arcs of a word: bounds and laws in place of the controls, free lengths.
+
+    Raises MethodError where a law is asked for that the problem does not have.
+    """
+    phases: list[Phase] = []
+    for modes in laws.resolved(problem, word).arcs:
+        phases.append(_phase(problem, modes, phases[-1].kept if phases else frozenset()))
+    phases[0] = replace(phases[0], entry=tuple(each for each in phases[0].entry if not _met(problem, each)))
+    return PhasedProblem(problem, tuple(phases))
+
+
+def _met(problem: Problem, entry: Expr) -> bool:
+    """Tell whether what vanishes where the first arc begins does so by the values that the start gives."""
+    (low, high), times = problem.start_box, problem.initial_time_box
+    fixed = [i for i in range(low.size) if low[i] == high[i]]
+    known = [*(problem.x[i] for i in fixed), *([time] if times[0] == times[1] else [])]
+    values = [*(float(low[i]) for i in fixed), *([float(times[0])] if times[0] == times[1] else [])]
+    at = casadi.substitute(casadi.SX(entry), column(known), column(values))
+    if casadi.symvar(at):
+        return False
+    size = max([1.0, *map(abs, values)])
+    return abs(float(casadi.evalf(at))) <= _ROUNDING * size
+
+
+def _phase(problem: Problem, modes: tuple[Mode, ...], kept: frozenset[str]) -> Phase:
+    """Return the phase of one arc; what the arc before it has `kept` holds at its entry already."""
+    law = laws.arc_law(problem, modes)
+    at = [i for i, mode in enumerate(modes) if mode.kind == "free"]
+    new = [constraint for constraint in problem.constraints if constraint.name in law.kept - kept]
+    entry = [e for constraint in new for e in laws.tower(problem, constraint)[0]]
+    if law.costate:
+        carried = {"carried": problem.costate, "carried_rate": law.costate_rate}
+        entry += law.costate_entry
+    else:
+        carried = {}
+    return Phase(
+        modes=modes, control=law.control, free=column(problem.u[i] for i in at), box=problem.box[:, at],
+        entry=tuple(entry), kept=law.kept, **carried,
+    )  # fmt: skip

@@ -1,0 +1,14 @@
+from .accuracy import AWAY as AWAY
+from .accuracy import posed as posed
+from .accuracy import sharpened as sharpened
+from .accuracy import steps_of as steps_of
+from .certify import carrying as carrying
+from .certify import judge as judge
+from .junctions import chattering as chattering
+from .lessons import learn as learn
+from .newton import Conditions as Conditions
+from .newton import System as System
+from .reintegration import verify as verify
+from .structure import constraint_values as constraint_values
+from .structure import misfit as misfit
+from .structure import structure_of as structure_of

@@ -1,0 +1,231 @@
+"""The adjoint equation along a given solution, condensed: costates as affine functions of a few unknown multipliers."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import casadi
+import numpy as np
+
+from socp.model import Expr, Problem, Solution, final_time, initial_time, scales
+from socp.transcription import lgr
+from socp.verdict.nodes import POINTS, Samples, sample
+from socp.verdict.structure import ACTIVE
+
+__all__ = ["POINTS", "Costates", "Samples", "Unknowns", "condense", "sample"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """The multipliers that are looked for, as columns of z: what each one is and where.
+
+    ends: rows (nx, columns) of the final costate; mu: (constraint, interval) blocks of d nodes; jumps: (constraint,
+    joint k at edges[k]).
+    """
+
+    ends: np.ndarray
+    mu: Sequence[tuple[int, int]] = ()
+    jumps: Sequence[tuple[int, int]] = ()
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return int(self.ends.shape[1]) + POINTS * len(self.mu) + len(self.jumps)
+
+    def mu_columns(self, block: int) -> slice:
+        """Return the columns of one block of constraint multipliers."""
+        first = self.ends.shape[1] + POINTS * block
+        return slice(first, first + POINTS)
+
+    def jump_column(self, jump: int) -> int:
+        """Return the column of one jump."""
+        return int(self.ends.shape[1]) + POINTS * len(self.mu) + jump
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Costates:
+    """lambda at the nodes as offset (n, nx) + maps (n, nx, nz) z; mu at the nodes as mu (n, nc, nz) z."""
+
+    offset: np.ndarray
+    maps: np.ndarray
+    mu: np.ndarray
+
+    def at(self, z: np.ndarray) -> np.ndarray:
+        """Return the costates (nx, n) for multipliers z (nz,)."""
+        result: np.ndarray = (self.offset + self.maps @ z).T
+        return result
+
+
+def condense(samples: Samples, unknowns: Unknowns, end: np.ndarray) -> Costates:
+    """Integrate lambda' = -H_x - mu c_x backwards from lambda(tf) = end (nx,) + unknowns, by Radau collocation.
+
+    Backwards the adjoint equation is as stable as the state equation forwards, so condensing loses no digits there.
+    At a joint lambda(t-) = lambda(t+) + jump c_x (Hartl, Sethi, Vickson, SIAM Review 37, 1995, theorem 4.1).
+    """
+    scheme, v, nx, d = lgr(POINTS), samples.values, samples.x.shape[0], POINTS
+    n, nc, nz = samples.t.size, v["cx"].shape[1], unknowns.size
+    value = np.zeros((nx, nz + 1))  # the last column is the part without unknowns
+    value[:, : unknowns.ends.shape[1]], value[:, -1] = unknowns.ends, end
+    table, mu = np.zeros((n, nx, nz + 1)), np.zeros((n, nc, nz))
+    inner, outer = np.kron(scheme.A[:, :-1], np.eye(nx)), np.kron(scheme.A[:, -1:], np.eye(nx))
+    for k in reversed(range(samples.intervals)):
+        first = k * samples.width
+        here = slice(first, first + d)
+        for jump, (constraint, joint) in enumerate(unknowns.jumps):
+            if joint == k + 1:
+                value[:, unknowns.jump_column(jump)] += v["cx"][first + d, constraint]
+        half = 0.5 * (samples.edges[k + 1] - samples.edges[k])
+        forcing = np.zeros((d, nx, nz + 1))
+        forcing[:, :, -1] = v["Lx"][:, here].T
+        for block, (constraint, interval) in enumerate(unknowns.mu):
+            if interval == k:
+                columns = np.arange(d) + unknowns.mu_columns(block).start
+                forcing[np.arange(d), :, columns] += v["cx"][here, constraint]
+                mu[first + np.arange(d), constraint, columns] = 1.0
+                mu[first + d, constraint, unknowns.mu_columns(block)] = _extrapolation()
+        matrix = inner.copy()
+        for j in range(d):
+            rows = slice(j * nx, (j + 1) * nx)
+            matrix[rows, rows] += half * v["fx"][first + j].T
+        nodes = np.linalg.solve(matrix, -outer @ value - half * forcing.reshape(d * nx, nz + 1))
+        table[here], table[first + d] = nodes.reshape(d, nx, nz + 1), value
+        value = table[first].copy()
+    return Costates(table[:, :, -1], table[:, :, :-1], mu)
+
+
+def _extrapolation() -> np.ndarray:
+    """Return the weights (d,) that extend a polynomial from the collocated nodes to the end of an interval."""
+    nodes = lgr(POINTS).nodes
+    return np.array(
+        [np.prod((1.0 - np.delete(nodes[:-1], j)) / (nodes[j] - np.delete(nodes[:-1], j))) for j in range(POINTS)]
+    )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """The Mayer term's slopes at the ends and those of the end conditions: cost (nx,), conditions (k, nx), and so on.
+
+    `signs` (k,): 0 for equations, 1 for an inequality whose multiplier must not be negative. Fixed final states and
+    active ends of intervals are conditions too, with unit slopes; sign -1 belongs to a lower end.
+    `values` (k,) are those of the conditions, zero where they are met exactly.
+    """
+
+    slope_final: np.ndarray
+    slope_initial: np.ndarray
+    slope_tf: float
+    slope_t0: float
+    slope_p: np.ndarray
+    psi_final: np.ndarray
+    psi_initial: np.ndarray
+    psi_tf: np.ndarray
+    psi_t0: np.ndarray
+    psi_p: np.ndarray
+    signs: np.ndarray
+    names: list[str]
+    values: np.ndarray
+
+    @staticmethod
+    def of(problem: Problem, solution: Solution, samples: Samples) -> "Ends":
+        """Work out the slopes at the ends of a solution."""
+        x0, xf, p = solution.arcs[0].x[:, 0], solution.arcs[-1].x[:, -1], samples.p
+        values = [xf, x0, p, solution.initial_time, solution.final_time]
+        symbols = [problem.x, problem.x0, problem.p, initial_time, final_time]
+        scale = scales(problem, solution)
+
+        def slopes(expression: Expr) -> list[np.ndarray]:
+            function = casadi.Function(
+                "slopes", symbols, [casadi.densify(casadi.jacobian(expression, s)) for s in symbols]
+            )
+            return [each.full().ravel() for each in function(*values)]
+
+        cost = slopes(problem.mayer)
+        found: list[tuple[list[np.ndarray], int, str, float]] = []
+        for condition in problem.conditions:
+            value = float(casadi.Function("psi", symbols, [condition.expression])(*values))
+            slope = slopes(condition.expression)
+            size = float(np.abs(slope[0]) @ scale + np.abs(slope[1]) @ scale) or 1.0
+            if condition.equation or value > -ACTIVE * size:
+                found.append((slope, 0 if condition.equation else 1, f"target '{condition.name}'", value))
+        found += list(_end_values(problem, xf, scale, [each.size for each in cost]))
+        stacked = [np.array([row[0][i] for row in found]).reshape(len(found), cost[i].size) for i in range(5)]
+        return Ends(
+            cost[0], cost[1], float(cost[4][0]), float(cost[3][0]), cost[2], stacked[0], stacked[1], stacked[4][:, 0],
+            stacked[3][:, 0], stacked[2], np.array([row[1] for row in found], dtype=int), [row[2] for row in found],
+            np.array([row[3] for row in found]),
+        )  # fmt: skip
+
+
+def _end_values(
+    problem: Problem, xf: np.ndarray, scale: np.ndarray, sizes: list[int]
+) -> Iterator[tuple[list[np.ndarray], int, str, float]]:
+    """Yield fixed final states and active ends of final intervals as conditions with unit slopes."""
+    low, high = problem.end_box
+    for i, name in enumerate(problem.state_names):
+        near = ACTIVE * scale[i]
+        sign = 0 if low[i] == high[i] else 1 if xf[i] > high[i] - near else -1 if xf[i] < low[i] + near else None
+        if sign is not None:
+            slope = [np.zeros(size) for size in sizes]
+            slope[0][i] = 1.0
+            yield slope, sign, f"final {name}", float(xf[i] - (low[i] if sign < 0 else high[i]))
+
+
+def unknowns_of(problem: Problem, samples: Samples, ends: Ends) -> Unknowns:
+    """Choose the unknowns: end conditions, densities on active intervals, jumps at their ends and at touches."""
+    c, width = samples.values["c"], samples.width
+    blocks: list[tuple[int, int]] = []
+    jumps: list[tuple[int, int]] = []
+    for j in range(len(problem.constraints)):
+        near = ACTIVE * max(float(np.ptp(c[j])), 1e-300)
+        at = c[j].reshape(-1, width) > -near
+        active = at.all(axis=1)
+        blocks += [(j, int(k)) for k in np.flatnonzero(active)]
+        inner = np.arange(1, samples.intervals)
+        met = at[inner - 1, -1] & at[inner, 0] & ~(active[inner - 1] & active[inner])
+        jumps += [(j, int(k)) for k in inner[met]]
+        held = np.flatnonzero(samples.values["cx"][-1, j])
+        fixed = problem.end_box[0] == problem.end_box[1]
+        if at[-1, -1] and not fixed[held].all():
+            jumps.append((j, samples.intervals))
+    return Unknowns(ends.psi_final.T, blocks, jumps)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Along:
+    """A solution laid out for judging: nodes, unknown multipliers, costates as functions of them, end slopes."""
+
+    problem: Problem
+    solution: Solution
+    samples: Samples
+    unknowns: Unknowns
+    costates: Costates
+    ends: Ends
+
+    @property
+    def horizon(self) -> float:
+        """Length of the horizon."""
+        return self.solution.final_time - self.solution.initial_time
+
+    @cached_property
+    def scale(self) -> np.ndarray:
+        """Magnitude of every state (nx,)."""
+        return scales(self.problem, self.solution)
+
+    @cached_property
+    def sigma(self) -> tuple[np.ndarray, np.ndarray]:
+        """Switching functions as offset (nu, n) and matrix (nu, n, nz)."""
+        v = self.samples.values
+        offset = v["L1"] + np.einsum("njk,nj->kn", v["G"], self.costates.offset)
+        return offset, np.einsum("njk,njz->knz", v["G"], self.costates.maps)
+
+    @cached_property
+    def hamiltonian(self) -> tuple[np.ndarray, np.ndarray]:
+        """Hamiltonian as offset (n,) and matrix (n, nz)."""
+        v = self.samples.values
+        return v["L"] + np.einsum("jn,nj->n", v["f"], self.costates.offset), np.einsum(
+            "jn,njz->nz", v["f"], self.costates.maps
+        )

@@ -1,0 +1,187 @@
+"""The judge says whether a solution is an extremal of Pontryagin's principle, and how far it is from one.
+
+It takes a problem and a solution, nothing else. Along the given states and controls every condition is affine in the
+multipliers, so the question whether any multipliers satisfy them all is a convex programme. Least squares over the
+equations usually finds them; where the result fails, a linear programme finds the multipliers of least worst
+residual, or proves by that residual that there are none within tolerance.
+"""
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from socp.errors import ProblemError
+from socp.model import SHORTEST, Arc, Finding, Problem, Solution, Verdict, digits_of
+from socp.verdict import claims, estimates, margins
+from socp.verdict.accuracy import sharpened
+from socp.verdict.adjoint import Along, Ends, condense, unknowns_of
+from socp.verdict.conditions import conditions
+from socp.verdict.junctions import chattering
+from socp.verdict.lessons import learn
+from socp.verdict.multipliers import Case, multipliers
+from socp.verdict.nodes import Samples, sample
+from socp.verdict.reintegration import verify
+from socp.verdict.structure import structure_of
+
+__all__ = ["Case", "case", "certify", "multipliers"]
+
+
+def case(problem: Problem, solution: Solution) -> Case:
+    """Lay out a solution for judging: choose the unknowns, condense the adjoint, write down every condition."""
+    samples = sample(problem, solution)
+    ends = Ends.of(problem, solution, samples)
+    unknowns = unknowns_of(problem, samples, ends)
+    along = Along(problem, solution, samples, unknowns, condense(samples, unknowns, ends.slope_final), ends)
+    return Case(along, tuple(conditions(along)))
+
+
+# -- the verdict
+
+
+def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, ...]]:
+    """Judge a solution; returns the verdict and the arcs with the principle's own costates and multipliers.
+
+    `solution` needs its structure and its verification (`socp.verdict.certify.judge` fills both in).
+    """
+    laid = case(problem, solution)
+    along, samples = laid.along, laid.along.samples
+    z, distance = multipliers(laid)
+    costate, size = along.costates.at(z), laid.magnitude(z)
+    offset, matrix = along.sigma
+    switching = offset + matrix @ z
+    density = np.einsum("ncz,z->cn", along.costates.mu, z)
+    slack = np.abs(density * samples.values["c"])
+    findings = _worst_of(
+        (
+            *laid.findings(z),
+            *claims.claims(along, density, size),
+            *_complementary(laid, slack, z, size),
+            *_without_length(solution),
+        )
+    )
+    certain = all(finding.holds for finding in findings)
+    # where all holds, the gain would measure the judge
+    gain = slack.sum(axis=0) + (0.0 if certain else _gain(problem, samples, switching))
+    error = estimates.objective_error(problem, solution, samples, costate, gain)
+    error += sum(float(np.abs(rows.offset + rows.matrix @ z).max()) * rows.slack for rows in laid.rows if rows.slack)
+    error += estimates.worth_of_misses(along, z, switching, density)
+    unused = estimates.integral(samples, _gain(problem, samples, switching)) if certain else 0.0
+    clebsch, unknown = margins.legendre_clebsch(problem, solution, samples, costate)
+    verdict = Verdict(
+        miss=max((f.off for f in solution.verified), default=float("inf")),
+        miss_at=max(solution.verified, key=lambda f: f.off).off_at if solution.verified else "",
+        findings=findings,
+        distance=distance,
+        normality=min(laid.cost / size, 1.0),
+        legendre_clebsch=clebsch,
+        chattering=tuple(chattering(problem, solution)),
+        notes=tuple(unknown),
+        margins=margins.strictness(problem, solution, samples, switching, size),
+        ringing=margins.ringing(problem, solution),
+        objective_error=error,
+        remaining_error=error + unused,
+        switch_errors=estimates.switch_errors(problem, solution, samples, switching, size),
+        flat=estimates.flat(problem, solution, samples, switching, size),
+        digits=digits_of(error, solution.objective) if certain else 0,
+    )
+    return verdict, _with_multipliers(along, z)
+
+
+def _worst_of(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
+    """Keep the worst finding of every condition."""
+    worst: dict[str, Finding] = {}
+    for each in findings:
+        if each.condition not in worst or each.residual > worst[each.condition].residual:
+            worst[each.condition] = each
+    return tuple(worst.values())
+
+
+def _complementary(laid: Case, slack: np.ndarray, z: np.ndarray, size: float) -> Iterator[Finding]:
+    """Yield multipliers of what is not quite active: slack (nc, n) is density times distance, jumps count likewise."""
+    along, title = laid.along, "multipliers only where a constraint is met"
+    samples = along.samples
+    for rows in laid.rows:
+        if rows.slack:
+            worth = float(np.abs(rows.offset + rows.matrix @ z).max()) * rows.slack / along.horizon / size
+            yield Finding(condition=title, residual=worth, where=rows.where[0], t=float(rows.t[0]))
+    for j, constraint in enumerate(along.problem.constraints):
+        k = int(np.argmax(slack[j]))
+        yield Finding(condition=title, residual=float(slack[j, k]) / size, where=constraint.name, t=float(samples.t[k]))
+    for jump, (j, joint) in enumerate(along.unknowns.jumps):
+        off = abs(float(z[along.unknowns.jump_column(jump)] * samples.values["c"][j, joint * samples.width - 1]))
+        where, t = along.problem.constraints[j].name, float(samples.edges[joint])
+        yield Finding(condition=title, residual=off / along.horizon / size, where=where, t=t)
+
+
+def _gain(problem: Problem, samples: Samples, switching: np.ndarray) -> np.ndarray:
+    """Return the Hamiltonian (n,) that the best admissible controls would gain at every node."""
+    low, high = problem.box
+    gap = np.maximum(switching * (samples.u - low[:, None]), switching * (samples.u - high[:, None]))
+    return np.array(np.maximum(gap, 0.0).sum(axis=0))
+
+
+def _without_length(solution: Solution) -> tuple[Finding, ...]:
+    """Find the arcs of a word that have no length: the word has too many."""
+    shortest = SHORTEST * (solution.final_time - solution.initial_time)
+    return tuple(
+        Finding(
+            condition="arc without length, drop it from the word", residual=1.0, where=f"arc {k}", t=float(arc.t[0])
+        )
+        for k, arc in enumerate(solution.arcs, start=1)
+        if arc.t[-1] - arc.t[0] <= shortest
+    )
+
+
+def _with_multipliers(along: Along, z: np.ndarray) -> tuple[Arc, ...]:
+    """Return the arcs, those that follow laws with the costates and densities of z in place of their programme's.
+
+    Along a law the nonlinear programme's multipliers are not the principle's: they take the law for part of the
+    dynamics.
+    """
+    costate = along.costates.at(z)
+    density = np.einsum("ncz,z->cn", along.costates.mu, z)
+    names = [constraint.name for constraint in along.problem.constraints]
+    arcs = []
+    for index, arc in enumerate(along.solution.arcs):
+        if "*" in arc.modes:
+            arcs.append(arc)
+            continue
+        own = dict(zip(names, margins.on_arc(along.samples, index, arc, density), strict=True))
+        arcs.append(replace(arc, costate=margins.on_arc(along.samples, index, arc, costate), multipliers=own))
+    return tuple(arcs)
+
+
+def judge(problem: Problem, solution: Solution) -> Solution:
+    """Return a solution with its structure, its verification, its verdict and its problem, all worked out anew."""
+    solution = carrying(problem, solution)
+    values = [each for arc in solution.arcs for each in (arc.x, arc.u)]
+    values.append(np.array(list(solution.parameters.values()), dtype=float))
+    if not all(np.isfinite(each).all() for each in values):
+        verdict = Verdict(miss=float("inf"), notes=("the solution is not finite",))
+        return replace(solution, verified=(), verdict=verdict)
+    began = time.perf_counter()
+    with np.errstate(all="ignore"):  # what overflows is infinite or nan, and no condition holds with either
+        solution = replace(solution, structure=structure_of(problem, solution))
+        learn(problem, solution)
+        solution = replace(solution, verified=verify(problem, solution))
+    integrated = time.perf_counter()
+    try:
+        with np.errstate(all="ignore"):
+            verdict, arcs = certify(problem, solution)
+    except (np.linalg.LinAlgError, ValueError, ArithmeticError, RecursionError) as error:
+        worst = max(solution.verified, key=lambda f: f.off)
+        notes = (f"the principle could not be judged: {error}",)
+        verdict, arcs = Verdict(miss=worst.off, miss_at=worst.off_at, notes=notes), solution.arcs
+    verdict = sharpened(problem, replace(solution, arcs=arcs, verdict=verdict)) or verdict
+    seconds = {"verify": integrated - began, "judge": time.perf_counter() - integrated}
+    return replace(solution, arcs=arcs, verdict=verdict, seconds={**solution.seconds, **seconds})
+
+
+def carrying(problem: Problem, solution: Solution) -> Solution:
+    """Return a solution that carries the statement of its problem, or the reason why it cannot."""
+    try:
+        return replace(solution, problem=problem.name, statement=problem.statement, unstated="")
+    except ProblemError as error:
+        return replace(solution, problem=problem.name, statement=None, unstated=str(error))

@@ -1,0 +1,328 @@
+"""How far a motion misses what a problem asks for: its ends, its state constraints and its box, relative to sizes."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import final
+
+import casadi
+import numpy as np
+from scipy.integrate import DOP853
+
+from socp import laws
+from socp.errors import MethodError
+from socp.model import (
+    Arc,
+    Feasibility,
+    Mode,
+    Problem,
+    Solution,
+    barycentric,
+    column,
+    final_time,
+    initial_time,
+    lagrange,
+    parameters_of,
+    scales,
+    sizes,
+    time,
+)
+
+
+def box_miss(u: np.ndarray, box: np.ndarray) -> float:
+    """Return the worst excess of controls (nu, n) over their box, relative to its width."""
+    low, high = box[0][:, None], box[1][:, None]
+    return float(np.max(np.maximum(low - u, u - high) / (high - low), initial=0.0))
+
+
+def end_miss(problem: Problem, solution: Solution, x: np.ndarray, scale: np.ndarray) -> tuple[float, str]:
+    """Return the worst relative violation of the end conditions by the end state x (nx,), and which condition it is."""
+    low, high = problem.end_box
+    excess = np.maximum(np.maximum(low - x, x - high), 0.0) / scale
+    found = dict(zip(problem.state_names, excess.tolist(), strict=True))
+    symbols = casadi.vertcat(problem.x, problem.x0, problem.p, initial_time, final_time)
+    times = [solution.initial_time, solution.final_time]
+    values = np.concatenate([x, solution.arcs[0].x[:, 0], parameters_of(problem, solution), times])
+    sizes = np.concatenate([scale, scale, np.abs(values[2 * x.size :])])
+    for condition in problem.conditions:
+        psi = condition.expression
+        function = casadi.Function("psi", [symbols], [psi, casadi.jacobian(psi, symbols)])
+        value, slope = (each.full().ravel() for each in function(values))
+        violation = abs(value[0]) if condition.equation else max(value[0], 0.0)
+        found[condition.name] = float(violation / (np.abs(slope) @ sizes or 1.0))
+    for name, at, (first, last) in (
+        ("initial time", solution.initial_time, problem.initial_time_box),
+        ("final time", solution.final_time, problem.final_time_box),
+    ):
+        found[name] = max(first - at, at - last, 0.0) / max(solution.final_time - solution.initial_time, 1e-300)
+    worst = max(found, key=lambda name: np.inf if np.isnan(found[name]) else found[name])
+    return found[worst], worst
+
+
+def path_miss(
+    problem: Problem, p: np.ndarray, scale: np.ndarray, t: Sequence[float], x: Sequence[np.ndarray]
+) -> tuple[float, str]:
+    """Return the worst relative violation of the state constraints at the points looked at, and which it is."""
+    if not problem.constraints:
+        return 0.0, ""
+    stack = column(c.expression for c in problem.constraints)
+    slopes = casadi.mtimes(casadi.fabs(casadi.jacobian(stack, problem.x)), scale)
+    function = casadi.Function("c", [problem.x, time, problem.p], [stack, slopes])
+    given = np.array(x).T, np.array(t)[None, :], np.repeat(p[:, None], len(t), axis=1)
+    values, sizes = (each.full() for each in function.map(len(t))(*given))
+    # a constraint's magnitude is how much it changes when every state changes by its own, at worst along the way
+    relative = values.max(axis=1) / np.where((largest := sizes.max(axis=1)) > 0, largest, 1.0)
+    worst = int(np.argmax(relative))
+    return max(float(relative[worst]), 0.0), problem.constraints[worst].name
+
+
+def objective_of(
+    problem: Problem, solution: Solution, motion: tuple[np.ndarray, np.ndarray, np.ndarray], scale: np.ndarray,
+    running: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Return the objective of a motion, and how far the returned one is from it, relative to its magnitude.
+
+    The motion is times (n,), states (nx, n) and controls (nu, n) from start to end, with the integral of the running
+    cost. The magnitude is the sum of all terms by absolute value, and of what they change by when every state changes
+    by its own: a cost that the best motion takes to zero is not measured by its rounding.
+    """
+    (t, x, u), p = motion, parameters_of(problem, solution)
+    ends = solution.initial_time, solution.final_time
+    mayer = casadi.Function("mayer", [problem.x, problem.x0, problem.p, initial_time, final_time], [problem.mayer])
+    cost = casadi.Function("cost", [problem.x, problem.u, time, problem.p], [problem.lagrangian])
+
+    def last(states: np.ndarray) -> np.ndarray:
+        return np.array(mayer(states, x[:, 0], p, *ends).full().ravel())
+
+    def along(states: np.ndarray) -> np.ndarray:
+        return np.array(cost.map(t.size)(states, u, t[None, :], np.repeat(p[:, None], t.size, axis=1)).full().ravel())
+
+    value = running + float(last(x[:, -1])[0])
+    terms = _magnitude(along, x, scale[:, None])
+    size = float(np.sum(0.5 * (terms[1:] + terms[:-1]) * np.diff(t)) + _magnitude(last, x[:, -1], scale)[0])
+    off = abs(solution.objective - value)
+    return value, off / max(size, 1e-300) if off == off else np.inf  # noqa: PLR0124 - nan is far from everything
+
+
+def running_size(problem: Problem, solution: Solution) -> float:
+    """Return the integral of the running cost's absolute value at the returned nodes, 1 where that is none."""
+    cost, n = casadi.Function("cost", [problem.x, problem.u, time, problem.p], [problem.lagrangian]), solution.t.size
+    given = np.repeat(parameters_of(problem, solution)[:, None], n, axis=1)
+    values = cost.map(n)(solution.rows("x"), solution.rows("u"), solution.t[None, :], given).full().ravel()
+    found = float(np.nansum(0.5 * np.abs(values[1:] + values[:-1]) * np.diff(solution.t)))
+    return found if 0.0 < found < np.inf else 1.0
+
+
+def _magnitude(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Return a function's absolute value and, added, the least change when the states go up or down by their own.
+
+    The lesser of the two: towards a pole, or where it grows exponentially, a function may change by any amount.
+    """
+    here = function(x)
+    change = np.fmin(np.abs(function(x + scale) - here), np.abs(function(x - scale) - here))
+    return np.array(np.abs(here) + np.where(np.isfinite(change), change, 0.0))
+
+
+RTOL = 1e-10  # of DOP853; what is compared with it is seldom better than 1e-9
+_LOOKS = 20  # points looked at in every step: a parabola, which takes DOP853 one step, hides 1/400 of its height there
+_GLANCES = 4  # the same on a short piece, over which nothing rises much
+_DIVERGED = 1e6  # times the problem's own magnitude: the state has left for good
+_SHORT = 1e-2  # a piece this short against the horizon is tried in one step: no time goes into choosing the first
+
+Control = Callable[[float, np.ndarray], np.ndarray]  # (t, x (nx,)) -> u (nu,)
+
+
+def verify(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
+    """Integrate the control as a function of time and, where every arc has a law of the state, as feedback too.
+
+    A solution keeps what was found for it: it is asked for more than once on the way to a certified word.
+    """
+    known: list[tuple[Problem, tuple[Feasibility, ...]]] = vars(solution).setdefault("_verified", [])
+    for posed, found in known:
+        if posed is problem:
+            return found
+    known.append((problem, _both(problem, solution)))
+    return known[-1][1]
+
+
+def _both(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
+    as_time = [_time_pieces(arc) for arc in solution.arcs]
+    found = [_verify(problem, solution, as_time, feedback=False)]
+    if all(mode != "*" for arc in solution.arcs for mode in arc.modes):
+        p = parameters_of(problem, solution)
+        try:
+            ends = [(float(arc.t[0]), float(arc.t[-1])) for arc in solution.arcs]
+            laws_ = [_feedback(problem, arc, p) for arc in solution.arcs]
+            as_feedback = [[_Piece(*span, law)] for span, law in zip(ends, laws_, strict=True)]
+        except MethodError:
+            return tuple(found)  # the word was read off a solution of a problem without such laws
+        found.append(_verify(problem, solution, as_feedback, feedback=True))
+    return tuple(found)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """A stretch of time on which the control is smooth; `constant` (nu,) is the control where it does not vary."""
+
+    start: float
+    end: float
+    control: Control
+    constant: np.ndarray | None = None
+
+
+def _time_pieces(arc: Arc) -> list[_Piece]:
+    found: list[_Piece] = []
+    for k in range(len(arc.mesh) - 1):
+        nodes = arc.nodes(k, "u")
+        start, end = float(arc.t[arc.mesh[k]]), float(arc.t[arc.mesh[k + 1]])
+        values, times = arc.u[:, nodes], arc.t[nodes]
+        if (values == values[:, :1]).all():
+            constant = values[:, 0]
+            last = found[-1].constant if found else None
+            if last is not None and (last == constant).all():
+                start = found.pop().start  # one integration over neighbours with one and the same control
+            found.append(_Piece(start, end, _hold(constant), constant))
+        else:
+            found.append(_Piece(start, end, _polynomial(times, values)))
+    return found
+
+
+def _hold(constant: np.ndarray) -> Control:
+    return lambda _t, _x: constant
+
+
+def _polynomial(times: np.ndarray, values: np.ndarray) -> Control:
+    weights = barycentric(times)
+    if weights is None:
+        return lambda t, _x: lagrange(times, values, np.array([t]))[:, 0]
+    near = 1e-15 * np.ptp(times)
+
+    def control(t: float, _x: np.ndarray) -> np.ndarray:
+        distance = t - times
+        k = int(np.abs(distance).argmin())
+        if abs(distance[k]) <= near:
+            return np.asarray(values[:, k])
+        terms = weights / distance
+        return np.asarray(values @ terms / terms.sum())
+
+    return control
+
+
+def _feedback(problem: Problem, arc: Arc, p: np.ndarray) -> Control:
+    law = laws.arc_law(problem, tuple(Mode.parse(mode) for mode in arc.modes))
+    if law.costate:
+        raise MethodError("a law that depends on the costate is no feedback in the state")
+    function = casadi.Function("law", [problem.x, time, problem.p], [law.control])
+    evaluate = fast(function)
+    return lambda t, x: evaluate(x, t, p)
+
+
+def fast(function: casadi.Function) -> Callable[..., np.ndarray]:
+    """Return a function of numpy arrays for a casadi function of one output column, ten times as quick to call."""
+    inputs = [np.zeros(max(function.numel_in(i), 1)) for i in range(function.n_in())]
+    output = np.zeros(max(function.numel_out(0), 1))
+    function = casadi.Function("dense", function.sx_in(), [casadi.densify(function(*function.sx_in()))])
+    buffer, trigger = function.buffer()
+    for i, each in enumerate(inputs):
+        buffer.set_arg(i, each.data)
+    buffer.set_res(0, output.data)
+
+    def call(*arguments: np.ndarray | float) -> np.ndarray:
+        for each, value in zip(inputs, arguments, strict=True):
+            if np.size(value):
+                each[:] = value
+        trigger()
+        return output.copy()
+
+    call.__dict__["keep"] = (function, buffer)  # the buffer must outlive the call
+    return call
+
+
+@final
+@dataclass(eq=False)
+class _Log:
+    """Points looked at along the way, and how far (nx,) the claimed states were off at most."""
+
+    t: list[float] = field(default_factory=list)
+    x: list[np.ndarray] = field(default_factory=list)
+    u: list[np.ndarray] = field(default_factory=list)
+    off: np.ndarray = field(default_factory=lambda: np.zeros(1))
+
+    def keep(self, t: float, x: np.ndarray, u: np.ndarray) -> None:
+        self.t.append(t)
+        self.x.append(x)
+        self.u.append(u)
+
+    def compare(self, x: np.ndarray, claimed: np.ndarray) -> None:
+        """Compare states (nx, k) with those claimed for the same times."""
+        self.off = np.maximum(self.off, np.abs(x - claimed).max(axis=1, initial=0.0))
+
+
+def _verify(problem: Problem, solution: Solution, pieces: list[list[_Piece]], *, feedback: bool) -> Feasibility:
+    p, log = parameters_of(problem, solution), _Log()
+    with np.errstate(all="ignore"):  # what overflows on the way ends as an error of the integration
+        y, error = _travel(problem, solution, pieces, log)
+        motion, x = (np.array(log.t), np.array(log.x).T, np.array(log.u).T), y[:-1]
+        scale = sizes(problem, motion[1])
+        objective, gap = objective_of(problem, solution, motion, scale, float(y[-1]))
+        miss, miss_at = end_miss(problem, solution, x, scale)
+        path, path_at = path_miss(problem, p, scale, log.t, log.x)
+    box = box_miss(np.hstack([motion[2], *(arc.u for arc in solution.arcs)]), problem.box)
+    return Feasibility(
+        miss=miss, miss_at=miss_at, path=path, path_at=path_at, box=box, drift=float(np.max(log.off / scale)),
+        feedback=feedback, end=tuple(x.tolist()), error=error, objective=math.nan if error else objective,
+        gap=gap,
+    )  # fmt: skip
+
+
+def _travel(
+    problem: Problem, solution: Solution, pieces: list[list[_Piece]], log: _Log
+) -> tuple[np.ndarray, str]:  # fmt: skip
+    """Integrate motion and running cost over all pieces; returns both at the end and, where it breaks down, why."""
+    p = parameters_of(problem, solution)
+    y = np.append(np.clip(solution.arcs[0].x[:, 0], *problem.start_box), 0.0)
+    log.keep(solution.initial_time, y[:-1], pieces[0][0].control(solution.initial_time, y[:-1]))
+    if not all(np.isfinite(values).all() for values in (y, solution.t, solution.rows("u"), p)):
+        log.off = np.array([math.inf])
+        return y, "the solution itself is not finite"
+    rates = casadi.vertcat(problem.rate, problem.lagrangian)
+    flow = fast(casadi.Function("flow", [problem.x, problem.u, time, problem.p], [rates]))
+    horizon = solution.final_time - solution.initial_time
+    scale = np.append(scales(problem, solution), running_size(problem, solution))
+    for arc, stretches in zip(solution.arcs, pieces, strict=True):
+        log.compare(y[:-1, None], arc.x[:, :1])
+        for piece in stretches:
+            y, error = _integrate(partial(_rate, flow, piece.control, p), (piece, arc), y, (scale, horizon), log)
+            if error:
+                return y, error
+    return y, ""
+
+
+def _rate(flow: Callable[..., np.ndarray], control: Control, p: np.ndarray, t: float, y: np.ndarray) -> np.ndarray:
+    return flow(y[:-1], control(t, y[:-1]), t, p)
+
+
+def _integrate(
+    rate: Control, on: tuple[_Piece, Arc], y: np.ndarray, size: tuple[np.ndarray, float], log: _Log
+) -> tuple[np.ndarray, str]:  # fmt: skip
+    """Integrate over one piece of an arc; returns the end and, where it breaks down, the reason."""
+    (piece, arc), (scale, horizon) = on, size
+    length = piece.end - piece.start
+    if length <= 0:
+        return y, ""
+    first, looks = (length, _GLANCES) if length < _SHORT * horizon else (None, _LOOKS)
+    solver = DOP853(rate, piece.start, y, piece.end, rtol=RTOL, atol=RTOL * scale, first_step=first)
+    while solver.status == "running":
+        message = solver.step()
+        if solver.status == "failed" or not np.all(np.abs(solver.y[:-1]) <= _DIVERGED * scale[:-1]):
+            return solver.y, f"integration broke down at t = {solver.t:.6g}: {message or 'the state diverged'}"
+        dense = solver.dense_output()
+        for t in np.linspace(solver.t_old, solver.t, looks + 1)[1:].tolist():
+            x = dense(t)[:-1]
+            log.keep(t, x, piece.control(t, x))
+        nodes = slice(*np.searchsorted(arc.t, [solver.t_old, solver.t], side="right"))
+        if nodes.start < nodes.stop:
+            log.compare(dense(arc.t[nodes])[:-1], arc.x[:, nodes])
+    return solver.y, ""

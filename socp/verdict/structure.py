@@ -1,0 +1,118 @@
+"""Structure: read what kind of arc every control is on, and when it switches, off the values of a solution."""
+
+from itertools import groupby, pairwise
+
+import casadi
+import numpy as np
+
+from socp import laws
+from socp.model import Arc, Constraint, Mode, Problem, Solution, column, time
+
+Stretch = tuple[str, float, float]  # (mode as a word spells it, start, end)
+
+# of the width of a control's box: an interior point ends about 1e-6 of it inside, ringing passes it only in flight
+AT_BOUND = 1e-3
+# of the range of a state constraint's values on the solution: as near counts as on it
+ACTIVE = 1e-4
+# the same where a word is fitted to a coarse solution, which comes no nearer
+_FITS = 1e-2
+
+
+def structure_of(problem: Problem, solution: Solution) -> dict[str, tuple[Stretch, ...]]:
+    """Return every control's stretches in time; arcs that follow a law carry their own mode, other values are read.
+
+    A single interval between two stretches of different kinds holds the switch: it is placed where the integral of the
+    control over the interval is kept.
+    """
+    found = {}
+    for i, name in enumerate(problem.control_names):
+        stretches: list[Stretch] = []
+        for arc in solution.arcs:
+            law = arc.modes[i]
+            stretches += _read(problem, solution, arc, i) if law == "*" else [(law, float(arc.t[0]), float(arc.t[-1]))]
+        found[name] = _joined(stretches)
+    return found
+
+
+def misfit(problem: Problem, solution: Solution, control: int, mode: Mode, t: np.ndarray) -> np.ndarray:
+    """Return how badly a control fits a mode at times t (n,): 0 for a perfect fit, 1 for the far end of its box.
+
+    A control at a bound fits a singular mode by half, as one inside the box fits a boundary mode off the constraint.
+    """
+    low, high = problem.box[:, control]
+    share = np.clip((solution.at(t, "u")[control] - low) / (high - low), 0.0, 1.0)
+    at_bound = (share < AT_BOUND) | (share > 1.0 - AT_BOUND)
+    if mode.kind == "boundary":
+        near = np.zeros(t.size, dtype=bool)
+        for constraint in laws.acting(problem, control):
+            if mode.constraint in {None, constraint.name}:
+                values = constraint_values(problem, solution, constraint, t, solution.at(t))
+                near |= values > -_FITS * max(float(np.ptp(values)), 1e-300)
+        return np.where(near, 0.0, 0.5)
+    if mode.kind in {"lower", "upper"}:
+        return np.array(share if mode.kind == "lower" else 1.0 - share)
+    return np.array(0.5 * at_bound)
+
+
+def constraint_values(
+    problem: Problem, solution: Solution, constraint: Constraint, t: np.ndarray, x: np.ndarray
+) -> np.ndarray:
+    """Evaluate a state constraint at times t (n,) and states x (nx, n); returns (n,)."""
+    p = column(solution.parameters[name] for name in problem.parameter_names)
+    function = casadi.Function("c", [problem.x, time], [casadi.substitute(constraint.expression, problem.p, p)])
+    return np.array(function.map(t.size)(x, t[None, :]).full().ravel())
+
+
+def _read(problem: Problem, solution: Solution, arc: Arc, i: int) -> list[Stretch]:
+    """Return the stretches of control i on an arc whose control was free, one label an interval, then merged."""
+    low, high = problem.box[:, i]
+    ends = arc.t[arc.mesh]
+    mean = np.array([arc.u[i, arc.nodes(k, "u")].mean() for k in range(len(arc.mesh) - 1)])
+    spread = np.array([np.ptp(arc.u[i, arc.nodes(k, "u")]) for k in range(len(arc.mesh) - 1)])
+    near = AT_BOUND * (high - low)
+    labels = np.full(mean.size, "s", dtype=object)
+    for constraint in laws.acting(problem, i):
+        labels[_active(problem, solution, arc, constraint)] = f"b[{constraint.name}]"
+    labels[(mean < low + near) & (spread < near)] = "-"
+    labels[(mean > high - near) & (spread < near)] = "+"
+    runs = [
+        (str(label), [k for k, _ in group]) for label, group in groupby(enumerate(labels), key=lambda pair: pair[1])
+    ]
+    stretches: list[Stretch] = []
+    start = float(ends[0])
+    for place, (label, intervals) in enumerate(runs):
+        last = intervals[-1]
+        inner = 0 < place < len(runs) - 1
+        if (
+            inner
+            and len(intervals) == 1
+            and {runs[place - 1][0], runs[place + 1][0]} != {label}
+            and runs[place - 1][0] != runs[place + 1][0]
+        ):
+            before, after = mean[intervals[0] - 1], mean[last + 1]
+            share = np.clip((mean[last] - after) / (before - after), 0.0, 1.0) if before != after else 0.5
+            switch = float(ends[last] + share * (ends[last + 1] - ends[last]))
+            mode, begin, _ = stretches.pop()
+            stretches.append((mode, begin, switch))
+            start = switch
+            continue
+        stretches.append((label, start, float(ends[last + 1])))
+        start = float(ends[last + 1])
+    return stretches
+
+
+def _active(problem: Problem, solution: Solution, arc: Arc, constraint: Constraint) -> np.ndarray:
+    """Return a mask (intervals,) of the intervals all of whose nodes lie on a state constraint."""
+    values = constraint_values(problem, solution, constraint, arc.t, arc.x)
+    near = values > -ACTIVE * max(float(np.ptp(values)), 1e-300)
+    return np.array([bool(near[a : b + 1].all()) for a, b in pairwise(arc.mesh)])
+
+
+def _joined(stretches: list[Stretch]) -> tuple[Stretch, ...]:
+    joined: list[Stretch] = []
+    for mode, start, end in stretches:
+        if joined and joined[-1][0] == mode:
+            joined[-1] = (mode, joined[-1][1], end)
+        elif end > start:
+            joined.append((mode, start, end))
+    return tuple(joined)

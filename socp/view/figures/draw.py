@@ -1,0 +1,145 @@
+"""Figures of a solution for papers: controls with their arcs, states, costates, switching functions, the scene."""
+
+import io
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from socp import errors
+from socp.errors import MethodError
+from socp.model import own, picture
+from socp.view.exports import units
+from socp.view.figures import style
+from socp.view.figures.arrangement import LEFT, RIGHT, TWO, Panel, TimeAxis, arranged, composed
+from socp.view.figures.panels import Curve, draw_curve, draw_scene
+from socp.view.traces import Traces, sampled
+
+if TYPE_CHECKING:
+    from socp.model import Problem, Solution
+
+PANELS = ("scene", "controls", "switching", "states", "costates", "multipliers", "hamiltonian")
+DEFAULT = PANELS[:-1]
+ENDINGS = ("png", "svg", "pdf")
+WIDTH = 7.0  # inches: both columns of a page
+_FLAT = 2.5  # scenes flatter than this go across the page
+_NOTHING = 1e-6  # of the largest multiplier: what an interior point leaves of a constraint that is not active
+_DPI, _POINTS = 200, 500
+
+
+def draw(
+    solution: "Solution", problem: "Problem | None" = None, panels: Sequence[str] = DEFAULT, *,
+    width: float = WIDTH, stretch: bool = False,
+) -> Any:  # fmt: skip
+    """Return a matplotlib Figure of a solution, `width` inches wide, drawn without pyplot.
+
+    `panels`: names out of `PANELS`; what is not known is left out: without the problem bounds, switching functions and
+    units. `stretch` widens short arcs on the time axis, which then is marked at the switching times.
+
+    Raises MethodError where matplotlib is not installed, and for a panel that there is not.
+    """
+    check(panels)
+    matplotlib = errors.load("matplotlib", "plot", "a figure")
+    with matplotlib.rc_context(style.SETTINGS):
+        along, known = sampled(problem, solution, _POINTS), _units(problem)
+        axis = TimeAxis.of(solution, known.get("time", ""), stretch=stretch)
+        curves = {name: list(_curves(name, solution, problem, along, known)) for name in panels if name != "scene"}
+        made = {
+            name: [Panel(partial(draw_curve, curve=curve, warp=axis.warp), *_heights(curve)) for curve in group]
+            for name, group in curves.items()
+        }
+        plane = problem is not None and (problem.scene is not None or len(solution.state_names) > 1)
+        seen = _scene(solution, problem, along, width) if problem and plane and "scene" in panels else None
+        top, beside = (seen[0], None) if seen and seen[1] else (None, seen[0] if seen else None)
+        arcs = {style.kind(mode) for group in curves.values() for curve in group for mode, _, _ in curve.stretches}
+        return composed(top, arranged(made, beside, one=width < TWO), axis, arcs, width)
+
+
+def check(panels: Sequence[str]) -> None:
+    """Raise MethodError for a panel that there is not."""
+    wrong = [name for name in panels if name not in PANELS]
+    if wrong or not panels:
+        raise MethodError(f"no panel '{wrong[0] if wrong else ''}'; there are {', '.join(PANELS)}")
+
+
+def to_bytes(figure: Any, ending: str) -> bytes:
+    """Return a figure as a PNG, SVG or PDF file, the same bytes for the same figure.
+
+    Raises MethodError for any other ending.
+    """
+    if ending not in ENDINGS:
+        raise MethodError(f"no figures as '{ending}'; there are {', '.join(ENDINGS)}")
+    matplotlib, file = errors.load("matplotlib", "plot", "a figure"), io.BytesIO()
+    undated = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None}}
+    with matplotlib.rc_context(style.SETTINGS):
+        figure.savefig(file, format=ending, metadata=undated[ending], dpi=_DPI)
+    return file.getvalue()
+
+
+def _curves(
+    name: str, solution: "Solution", problem: "Problem | None", along: Traces, known: Mapping[str, str]
+) -> Iterator[Curve]:
+    """Yield the panels of one kind that have anything to show."""
+    rows = _rows(name, solution, along)
+    box = _bounds(name, problem)
+    for (owner, label), values in rows.items():
+        if not np.isfinite(values).any():
+            continue
+        arcs = solution.structure.get(owner, ()) if name in {"controls", "switching"} else ()
+        yield Curve(
+            label=label, unit=known.get(owner, "") if name in {"controls", "states"} else "", t=along.t, values=values,
+            bounds=box.get(owner, (-np.inf, np.inf)), stretches=arcs,
+            switches=[end for _, _, end in arcs[:-1]] if arcs else solution.switches,
+            zero=name in {"switching", "multipliers"}, lanes=name == "controls",
+        )  # fmt: skip
+
+
+def _rows(name: str, solution: "Solution", along: Traces) -> dict[tuple[str, str], np.ndarray]:
+    """Return the values (n,) of one kind of panels by name and label."""
+    sizes = {c: float(np.nanmax(np.abs(row), initial=0.0)) for c, row in along.multipliers.items()}
+    active = [c for c, size in sizes.items() if size > _NOTHING * max(sizes.values())]
+    found: dict[str, tuple[Sequence[str], str, Iterable[np.ndarray]]] = {
+        "controls": (solution.control_names, "{}", along.u),
+        "switching": (solution.control_names, r"\sigma_{{{}}}", along.switching),
+        "states": (solution.state_names, "{}", along.x),
+        "costates": (solution.state_names, r"\lambda_{{{}}}", along.costate),
+        "multipliers": (tuple(active), r"\mu_{{{}}}", [along.multipliers[c] for c in active]),
+        "hamiltonian": (("H",), "{}", [along.hamiltonian]),
+    }
+    names, pattern, values = found[name]
+    return {(each, pattern.format(style.symbol(each))): row for each, row in zip(names, values, strict=True)}
+
+
+def _units(problem: "Problem | None") -> dict[str, str]:
+    return {name: style.plain(unit) for name, unit in units(problem).items()}
+
+
+def _bounds(name: str, problem: "Problem | None") -> dict[str, tuple[float, float]]:
+    """Return the bounds of controls or states by name."""
+    if problem is None or name not in {"controls", "states"}:
+        return {}
+    pair = (problem.control_names, problem.box) if name == "controls" else (problem.state_names, problem.state_box)
+    return {each: (float(low), float(high)) for each, low, high in zip(pair[0], *pair[1], strict=True)}
+
+
+def _heights(curve: Curve) -> tuple[float, float]:
+    """Return the height of a panel and the room for the arcs' names above it, in inches."""
+    return (0.95, 0.3) if curve.lanes else (0.62, 0.0)
+
+
+def _scene(solution: "Solution", problem: "Problem", along: Traces, width: float) -> tuple[Panel, bool]:
+    """Return the panel of the scene, and whether it goes across the page."""
+    known, seen = _units(problem), picture(problem, solution, along.t)
+    plane = [str(each) for each in own(problem).plane]
+    pairs = zip(plane, seen.labels, strict=True)
+    labels = [
+        style.label(style.symbol(p), known.get(p, "")) if p in (*solution.state_names, "t") else text
+        for p, text in pairs
+    ]
+    (left, right), (low, high) = seen.box
+    ratio = (right - left) / (high - low) if seen.spatial else 1.6
+    across = seen.spatial and ratio > _FLAT
+    room = width if across or width < TWO else 0.5 * width
+    height = min((room - LEFT - RIGHT) / ratio, 2.6)
+    return Panel(partial(draw_scene, picture=seen, labels=(labels[0], labels[1])), height, timed=False), across

@@ -1,0 +1,163 @@
+"""Panels of figures: what is drawn in one pair of axes, arcs and switching times marked."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from socp.view.figures import style
+
+if TYPE_CHECKING:
+    from socp.model import Picture
+
+Stretch = tuple[str, float, float]
+_LANE = (0.04, 0.145, 0.165)  # inches above a panel: the lane's lower and upper edge, and the names
+_MARKED = 40  # switching times that are marked at most: more of them are ringing, and grey everything
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Curve:
+    """One panel over time: values (n,) at times t (n,), its label, bounds, and the stretches that shade it.
+
+    `switches`: times that are marked; `zero`: whether a line marks zero; `lanes`: whether the arcs are named above.
+    """
+
+    label: str
+    unit: str
+    t: np.ndarray
+    values: np.ndarray
+    bounds: tuple[float, float] = (-np.inf, np.inf)
+    stretches: tuple[Stretch, ...] = ()
+    switches: Sequence[float] = ()
+    zero: bool = False
+    lanes: bool = False
+
+
+def draw_curve(axes: Any, curve: Curve, warp: Callable[[Any], np.ndarray]) -> None:
+    """Draw a curve with its bounds, arcs and switching times; `warp` maps times to places on the axis."""
+    values, power = _scaled(curve.values)
+    low, high = _limits(curve, 10.0**power)
+    axes.set_ylim(low, high)
+    axes.set_xlim(*warp(curve.t[[0, -1]]))
+    if curve.stretches:
+        _shade(axes, curve, warp)
+    if len(curve.switches) <= _MARKED:
+        for t in curve.switches:
+            axes.axvline(float(warp(t)), color=style.FAINT, lw=0.5, ls=(0, (1, 2)), zorder=1)
+    for bound in curve.bounds:
+        if np.isfinite(bound) and low <= bound / 10.0**power <= high:
+            axes.axhline(bound / 10.0**power, color=style.FAINT, lw=style.THIN, ls=(0, (5, 2.5)), zorder=1.5)
+    if curve.zero:
+        axes.axhline(0.0, color=style.FAINT, lw=style.THIN, zorder=1.5)
+    axes.plot(warp(curve.t), values, color=style.INK, lw=style.LINE, zorder=3, solid_joinstyle="miter")
+    unit = f"$10^{{{power}}}$ {curve.unit}".strip() if power else curve.unit
+    axes.set_ylabel(style.label(curve.label, unit))
+    _ticks(axes)
+
+
+def _scaled(values: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return values in units of a power of ten that makes their labels short, and that power; infinite ones as nan."""
+    values = np.where(np.isfinite(values), values, np.nan)
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    power = int(np.floor(np.log10(largest))) if largest > 0 else 0
+    power = power if power <= -3 or power >= 5 else 0
+    return values / 10.0**power, power
+
+
+def _limits(curve: Curve, unit: float) -> tuple[float, float]:
+    """Return limits that hold the values, and bounds that are near, with a margin."""
+    seen = curve.values[np.isfinite(curve.values)]
+    low, high = (float(seen.min()), float(seen.max())) if seen.size else (0.0, 1.0)
+    span = high - low
+    near = [b for b in curve.bounds if np.isfinite(b) and low - 0.5 * span <= b <= high + 0.5 * span]
+    shown = near if not curve.lanes else [b for b in curve.bounds if np.isfinite(b)]
+    low, high = min([low, *shown, *([0.0] if curve.zero else [])]), max([high, *shown, *([0.0] if curve.zero else [])])
+    least = 1e-6 * max(abs(low), abs(high), 1e-300)  # rounding is not to fill the panel
+    pad = 0.08 * max(high - low, least) if high - low > least else max(0.1 * abs(high), 0.5 * unit * 1e-3, 1e-12)
+    return (low - pad) / unit, (high + pad) / unit
+
+
+def _shade(axes: Any, curve: Curve, warp: Callable[[Any], np.ndarray]) -> None:
+    """Shade the arcs, and name them in a lane above the panel where there is room."""
+    across = axes.get_xaxis_transform()
+    width = float(np.ptp(warp(curve.t[[0, -1]]))) or 1.0
+    inches, tall = (axes.get_position().size * axes.figure.get_size_inches()).tolist()
+    below, above, named = (1.0 + height / tall for height in _LANE)
+    for mode, start, end in curve.stretches:
+        name, colour, hatch = style.MODES[style.kind(mode)]
+        left, right = warp(np.array([start, end]))
+        axes.axvspan(left, right, color=style.tint(colour), lw=0, zorder=0)
+        if not curve.lanes:
+            continue
+        axes.fill_between(
+            [left, right], below, above, transform=across, facecolor=colour, hatch=hatch, lw=0, clip_on=False, zorder=2,
+            edgecolor="white",
+        )  # fmt: skip
+        if (right - left) / width * inches > 0.048 * len(name) + 0.04:
+            place, middle = {"ha": "center", "va": "bottom", "fontsize": 6.0}, 0.5 * (left + right)
+            axes.text(middle, named, name, transform=across, color=style.INK, **place)
+
+
+def _ticks(axes: Any) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def draw_scene(axes: Any, picture: "Picture", labels: tuple[str, str]) -> None:
+    """Draw a path in its plane: the current, the target, headings, start, end and switching points."""
+    from matplotlib.patches import Circle
+
+    (left, right), (low, high) = picture.box
+    if picture.flow is not None:
+        _current(axes, *picture.flow)
+    if picture.target is not None:
+        cx, cy, radius = picture.target
+        axes.add_patch(Circle((cx, cy), radius, facecolor="#cfe3c8", edgecolor=style.FAINT, lw=style.THIN, zorder=1))
+    axes.plot(*picture.path, color=style.INK, lw=style.LINE, zorder=3)
+    if picture.heading is not None:
+        _headings(axes, picture)
+    if len(picture.marks) <= _MARKED:
+        places = np.array([mark.place for mark in picture.marks]).reshape(-1, 2).T
+        axes.plot(*places, "o", ms=3.6, mfc="white", mec=style.ACCENT, mew=0.9, ls="none", zorder=4, label="switch")
+    axes.plot(*picture.path[:, :1], "o", ms=6, mfc="none", mec=style.INK, mew=1, ls="none", zorder=4.5, label="start")
+    axes.plot(*picture.path[:, -1:], "s", ms=3.2, color=style.INK, ls="none", zorder=4.5, label="end")
+    axes.set_xlim(left, right)
+    axes.set_ylim(low, high)
+    if picture.spatial:
+        axes.set_aspect("equal")
+    axes.set_xlabel(labels[0])
+    axes.set_ylabel(labels[1])
+    _ticks(axes)
+
+
+def _current(axes: Any, points: np.ndarray, flow: np.ndarray) -> None:
+    """Draw a current (2, k) at points (2, k) of a grid, no arrow as long as its cell."""
+    speed = np.hypot(*flow)
+    fastest = float(speed.max(initial=0.0))
+    moving = speed > 0.1 * fastest  # slower ones would be dots
+    columns = np.unique(points[0])
+    step = float(np.diff(columns).min()) if columns.size > 1 else 1.0
+    if moving.any():
+        more = {"scale": fastest / (0.75 * step), "width": 0.0022, "headwidth": 4.0}
+        places = {"angles": "xy", "scale_units": "xy", "pivot": "middle"}
+        axes.quiver(*points[:, moving], *flow[:, moving], color="#8fb0cf", zorder=0.5, **places, **more)
+
+
+def _headings(axes: Any, picture: "Picture") -> None:
+    """Draw about a dozen arrows that show where the vehicle points."""
+    heading, ((left, right), (low, high)) = picture.heading, picture.box
+    if heading is None:
+        return
+    gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(picture.path, axis=1)))])
+    at = np.unique(np.searchsorted(gone, np.linspace(0.0, gone[-1], 13)[1:-1]))
+    size = 0.028 * max(right - left, high - low)
+    x, y = picture.path[:, at]
+    axes.quiver(
+        x, y, size * np.cos(heading[at]), size * np.sin(heading[at]), angles="xy", scale_units="xy", scale=1.0,
+        color=style.ACCENT, width=0.002, headwidth=6, headlength=7, headaxislength=6, zorder=3.5, pivot="tail",
+    )  # fmt: skip
