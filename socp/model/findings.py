@@ -7,7 +7,7 @@ from typing import final
 
 import numpy as np
 
-from socp.view import verdict_html
+from socp.model.views import view
 
 
 @final
@@ -203,7 +203,8 @@ class Verdict:
         return bool(self.findings) and not self.reasons
 
     def _repr_html_(self) -> str:
-        return verdict_html(self, EXTREMAL)
+        shown: str = view("html")(self)
+        return shown
 
     @property
     def rings(self) -> tuple[str, ...]:

@@ -30,7 +30,7 @@ from socp.model.symbols import (
     states,
     time,
 )
-from socp.view import problem_html
+from socp.model.views import view
 
 __all__ = [
     "Condition", "Constraint", "Expr", "Problem", "Reference", "Scene", "controls", "final_time", "free", "initial",
@@ -94,7 +94,8 @@ class Problem:
         return f"Problem({self.name!r}: states {', '.join(self.state_names)}; controls {', '.join(self.control_names)})"
 
     def _repr_html_(self) -> str:
-        return problem_html(self)
+        shown: str = view("html")(self)
+        return shown
 
     # -- as data
 

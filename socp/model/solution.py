@@ -14,8 +14,8 @@ from socp.model.arc import Arc, Which, lagrange
 from socp.model.data import files as results
 from socp.model.data.files import SCHEMA, write_atomic
 from socp.model.findings import EXTREMAL, Agreement, Feasibility, Node, Verdict
+from socp.model.views import view
 from socp.process import read_text
-from socp.view import solution_html, to_xarray
 
 if TYPE_CHECKING:
     from socp.model.problem import Problem
@@ -169,19 +169,18 @@ class Solution:
 
     def to_xarray(self, problem: "Problem | None" = None) -> Any:
         """Return the values at the nodes as an xarray.Dataset; with the problem units and switching functions too."""
-        return to_xarray(self, problem)
+        return view("dataset")(self, problem)
 
     def plot(self, problem: "Problem | None" = None, **look: Any) -> Any:
         """Return a matplotlib Figure; with the problem bounds, switching functions and the scene too.
 
-        `look` is what `socp.view.figures.draw.draw` takes: `panels`, `width` in inches, `stretch` for short arcs.
+        `look` is what the view `figure` takes: `panels`, `width` in inches, `stretch` for short arcs.
         """
-        from socp.view import draw
-
-        return draw(self, problem, **look)
+        return view("figure")(self, problem, **look)
 
     def _repr_html_(self) -> str:
-        return solution_html(self)
+        shown: str = view("html")(self)
+        return shown
 
     def to_json(self) -> str:
         """Return the result file's text: strict JSON with null for nan, floats that read back bit for bit."""

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from socp.model import Solution, Word
-from socp.search import mending
+from socp.search import candidate
 from socp.search.candidate import Candidate, Joint, merged
 
 _SPROUT = 0.1  # of the shorter neighbour: the first length of an arc put between two
@@ -24,7 +24,7 @@ def _text(solution: Solution) -> str:
 
 def shortened(given: Candidate, shortest: float) -> Candidate:
     """Return a candidate without its arcs that are at most so short, relative to the horizon."""
-    return merged(mending.without(given, shortest * (given.edges[-1] - given.edges[0])))
+    return merged(candidate.without(given, shortest * (given.edges[-1] - given.edges[0])))
 
 
 def left_out(now: Candidate) -> Iterator[Candidate]:

@@ -5,9 +5,7 @@ from .figures.draw import ENDINGS as ENDINGS
 from .figures.draw import check as check
 from .figures.draw import draw as draw
 from .figures.draw import to_bytes as to_bytes
-from .notebook import problem_html as problem_html
-from .notebook import solution_html as solution_html
-from .notebook import verdict_html as verdict_html
+from .notebook import html as html
 from .recording.contents import Run as Run
 from .recording.contents import items as items
 from .recording.contents import log10 as log10

@@ -1,14 +1,12 @@
 """What notebooks show of solutions, verdicts and problems: HTML with nothing in it that needs a network."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from functools import singledispatch
 from html import escape
 from itertools import groupby
-from typing import TYPE_CHECKING
 
+from socp.model import EXTREMAL, Problem, Solution, Verdict
 from socp.process import printable
-
-if TYPE_CHECKING:
-    from socp.model import Problem, Solution, Verdict
 
 _MANY = 8  # more arcs of one control than this are counted, not listed
 _WIDTH = 7.0  # inches of the figure in a notebook
@@ -17,7 +15,14 @@ _MODES = {"-": "lower bound", "+": "upper bound", "s": "singular", "*": "free"}
 Row = tuple[str, str]  # a label and HTML
 
 
-def solution_html(solution: "Solution") -> str:
+@singledispatch
+def html(thing: object) -> str:
+    """Return a solution, a verdict or a problem as HTML."""
+    return _text(str(thing))
+
+
+@html.register
+def solution_html(solution: Solution) -> str:
     """Return a solution as HTML: its key figures, its arcs, its verdict in words, a figure if matplotlib is there."""
     found = [("method", _text(solution.method)), *(("objective", text) for text in solution.headline)]
     found.append(("time", f"{solution.initial_time:.12g} to {solution.final_time:.12g}"))
@@ -30,8 +35,9 @@ def solution_html(solution: "Solution") -> str:
     return _framed(solution.problem, "", found) + _figure(solution)
 
 
-def verdict_html(verdict: "Verdict", allowed: float) -> str:
-    """Return a verdict as HTML: its answers, then a condition a row; `allowed` is the residual that holds."""
+@html.register
+def verdict_html(verdict: Verdict) -> str:
+    """Return a verdict as HTML: its answers, then a condition a row."""
     found = [("verdict", words(verdict))]
     found += [("against it", _text(reason)) for reason in verdict.reasons]
     if verdict.extremal:
@@ -42,7 +48,7 @@ def verdict_html(verdict: "Verdict", allowed: float) -> str:
         known = f"within {error:.1e}" if error < float("inf") else "not determined"
         found.append(("switch", f"{t:.12g}, {known}"))
     found += [("note", _text(note)) for note in verdict.notes]
-    head = f"<tr><th {_CELL}>condition</th><th {_CELL}>residual, at most {allowed:.0e}</th><th {_CELL}>where</th></tr>"
+    head = f"<tr><th {_CELL}>condition</th><th {_CELL}>residual, at most {EXTREMAL:.0e}</th><th {_CELL}>where</th></tr>"
     rows = "".join(
         f"<tr><td {_CELL}>{_text(each.condition)}</td><td {_CELL}>{each.residual:.1e}"
         f"{'' if each.holds else ', <b>broken</b>'}</td><td {_CELL}>{_text(each.where)}"
@@ -52,7 +58,8 @@ def verdict_html(verdict: "Verdict", allowed: float) -> str:
     return _framed("", "", found) + (f"<table>{head}{rows}</table>" if rows else "")
 
 
-def problem_html(problem: "Problem") -> str:
+@html.register
+def problem_html(problem: Problem) -> str:
     """Return a problem as HTML: what it minimises and subject to what, in its own symbols."""
     from socp.view.statement import notes, stated
 
@@ -62,7 +69,7 @@ def problem_html(problem: "Problem") -> str:
     return _framed(problem.name, problem.title, lines)
 
 
-def words(verdict: "Verdict") -> str:
+def words(verdict: Verdict) -> str:
     """Return in a sentence what a verdict says."""
     if not verdict.feasible:
         return f"not feasible: re-integration off by {verdict.miss:.1e}"
