@@ -120,7 +120,7 @@ def spoilt(problem: Problem, solution: Solution) -> Iterator[tuple[str, Solution
     size = np.abs(solution.rows("x")).max(axis=1)
     low, high = problem.box
     change: Callable[[int, dict[str, object]], Solution] = (
-        lambda k, new: replace(  # noqa: E731
+        lambda k, new: replace(
             solution, arcs=(*solution.arcs[:k], replace(solution.arcs[k], **new), *solution.arcs[k + 1 :])
         )
     )
