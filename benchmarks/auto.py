@@ -1,7 +1,9 @@
-"""How long `auto` takes on the vehicle against one trapezoidal solve with 400 steps, in the same process.
+"""How long `auto` takes on the vehicle against one trapezoidal solve with 400 steps, in the same
+process.
 
-Run as `python benchmarks/auto.py [NAME ...]`. `solve` is the method alone; `run` adds what every solution gets:
-verification and judgement. The median of some runs each, taken in turns, after one that is not counted.
+Run as `python benchmarks/auto.py [NAME ...]`. `solve` is the method alone; `run` adds what every
+solution gets: verification and judgement. The median of some runs each, taken in turns, after one
+that is not counted.
 """
 
 import argparse

@@ -1,8 +1,9 @@
-"""Solve a folder of problem files cold, each in a process of its own, and hold what comes out against known values.
+"""Solve a folder of problem files cold, each in a process of its own, and hold what comes out
+against known values.
 
-`python benchmarks/field.py FOLDER [NAME ...] [--seconds S]` runs `socp solve FILE` for every file of the folder,
-with no option, and prints rung, objective, distance from the value in FOLDER/truth.json, seconds and word, then
-one of four classes:
+`python benchmarks/field.py FOLDER [NAME ...] [--seconds S]` runs `socp solve FILE` for every file
+of the folder, with no option, and prints rung, objective, distance from the value in
+FOLDER/truth.json, seconds and word, then one of four classes:
 
 - certified: an extremal, and as good as known to six digits or all that are trusted;
 - near: not certified, feasible, and as good as known to four digits;
@@ -43,7 +44,11 @@ class Row:
     kind: str
 
     def __str__(self) -> str:
-        off = (self.objective - self.known) / max(abs(self.known), 1e-12) if math.isfinite(self.known) else math.nan
+        off = (
+            (self.objective - self.known) / max(abs(self.known), 1e-12)
+            if math.isfinite(self.known)
+            else math.nan
+        )
         return (
             f"{self.name:24} {self.rung:10} {self.objective:16.10g} {off:10.1e} {self.seconds:7.1f}"
             f"  {self.kind:9}  {self.word[:70]}"
@@ -51,14 +56,22 @@ class Row:
 
 
 def solved(file: Path, seconds: float) -> tuple[dict[str, Any], int | None, float]:
-    """Return the answer of `socp solve` as data, its exit code (None where it took too long), and its seconds."""
+    """Return the answer of `socp solve` as data, its exit code (None where it took too long), and
+    its seconds.
+    """
     command = [sys.executable, "-m", "socp.cli", "solve", str(file.resolve()), "--json", "--quiet"]
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, "OMP_NUM_THREADS": "1"}
         try:
             done = subprocess.run(  # noqa: S603 - our own command
-                command, cwd=folder, env=environment, capture_output=True, text=True, timeout=seconds, check=False
+                command,
+                cwd=folder,
+                env=environment,
+                capture_output=True,
+                text=True,
+                timeout=seconds,
+                check=False,
             )
         except subprocess.TimeoutExpired:
             return {}, None, time.perf_counter() - began
@@ -69,7 +82,9 @@ def solved(file: Path, seconds: float) -> tuple[dict[str, Any], int | None, floa
         return {}, done.returncode, took
 
 
-def judged(name: str, truth: dict[str, Any], answer: dict[str, Any], code: int | None, took: float) -> Row:
+def judged(
+    name: str, truth: dict[str, Any], answer: dict[str, Any], code: int | None, took: float
+) -> Row:
     """Sort an answer into its class."""
     verdict = answer.get("verdict") or {}
     objective = answer.get("objective")
@@ -80,7 +95,13 @@ def judged(name: str, truth: dict[str, Any], answer: dict[str, Any], code: int |
     trusted = 10.0 ** (1 - truth.get("digits", 6))
     rung = "time" if code is None else "crash" if not answer else "none"
     if answer:
-        rung = "extremal" if verdict.get("extremal") else "feasible" if verdict.get("feasible") else "infeasible"
+        rung = (
+            "extremal"
+            if verdict.get("extremal")
+            else "feasible"
+            if verdict.get("feasible")
+            else "infeasible"
+        )
     if rung in {"time", "crash"}:
         kind = "wrong"
     elif rung == "extremal":
@@ -92,14 +113,22 @@ def judged(name: str, truth: dict[str, Any], answer: dict[str, Any], code: int |
 
 def main() -> None:
     """Run the files and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folder", type=Path)
-    parser.add_argument("names", nargs="*", help="files of the folder, without their ending; all of them by default")
+    parser.add_argument(
+        "names", nargs="*", help="files of the folder, without their ending; all of them by default"
+    )
     parser.add_argument("--seconds", type=float, default=120.0, help="allowed for one file")
     given = parser.parse_args()
     path = given.folder / "truth.json"
     truth = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    files = [file for file in sorted(given.folder.glob("*.py")) if not given.names or file.stem in given.names]
+    files = [
+        file
+        for file in sorted(given.folder.glob("*.py"))
+        if not given.names or file.stem in given.names
+    ]
     print(f"{'name':24} {'rung':10} {'objective':>16} {'off':>10} {'seconds':>7}  class      word")
     rows = []
     for file in files:

@@ -1,4 +1,5 @@
-"""Every registered problem from a cold start: `auto`, and `trapezoidal` with 400 steps as a baseline.
+"""Every registered problem from a cold start: `auto`, and `trapezoidal` with 400 steps as a
+baseline.
 
 Run as `python benchmarks/gallery.py [NAME ...]`.
 """
@@ -23,7 +24,9 @@ _DIGITS = 15  # of a float
 @final
 @dataclass(frozen=True)
 class Row:
-    """One run: seconds with verification and judgement, words tried, digits right, and what it ended with."""
+    """One run: seconds with verification and judgement, words tried, digits right, and what it
+    ended with.
+    """
 
     seconds: float
     words: int
@@ -38,7 +41,9 @@ def digits(problem: Problem, solution: Solution) -> str:
         return "-"
     wanted = problem.reference.objective
     error = abs(solution.objective - wanted) / max(abs(wanted), 1e-300)
-    trusted = -math.log10(max(problem.reference.tolerance / max(abs(wanted), 1e-300), 10.0**-_DIGITS))
+    trusted = -math.log10(
+        max(problem.reference.tolerance / max(abs(wanted), 1e-300), 10.0**-_DIGITS)
+    )
     found = -math.log10(max(error, 10.0**-_DIGITS))
     return f"{'>= ' if found > trusted else ''}{min(found, trusted):.1f}"
 
@@ -68,16 +73,24 @@ def measure(registry: Registry, method: str, name: str) -> Row:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help="problems; all registered ones if none is named")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help="problems; all registered ones if none is named"
+    )
     registry = Registry.load()
     names = parser.parse_args().names or sorted(registry.problems)
     table = Table("problem", "s", "words", "digits", "verdict", "trap. s", "trap. digits", "word")
     for name in names:
         found, base = measure(registry, "auto", name), measure(registry, "trapezoidal", name)
         table.add_row(
-            name, f"{found.seconds:.2f}", str(found.words), found.digits, found.verdict, f"{base.seconds:.2f}",
-            base.digits, found.word,
-        )  # fmt: skip
+            name,
+            f"{found.seconds:.2f}",
+            str(found.words),
+            found.digits,
+            found.verdict,
+            f"{base.seconds:.2f}",
+            base.digits,
+            found.word,
+        )
     Console().print(table)
 
 

@@ -1,8 +1,10 @@
-"""Measure the house: rooms, arrows between them, circles, sizes; and draw its picture into docs/architecture.md.
+"""Measure the house: rooms, arrows between them, circles, sizes; and draw its picture into
+docs/architecture.md.
 
-`python benchmarks/house.py [ROOT]` prints a table for the checkout at ROOT (this one by default), so that two states
-are measured by one ruler. `python benchmarks/house.py --write` writes the table and the picture of the rooms between
-the markers of docs/architecture.md; a test holds the page against the code.
+`python benchmarks/house.py [ROOT]` prints a table for the checkout at ROOT (this one by default),
+so that two states are measured by one ruler. `python benchmarks/house.py --write` writes the table
+and the picture of the rooms between the markers of docs/architecture.md; a test holds the page
+against the code.
 """
 
 import ast
@@ -18,15 +20,28 @@ WIDE = 100  # characters a line
 
 # A room imports rooms above it, through their front; the order is the whole rule.
 ROOMS = (
-    "errors", "process", "model", "laws", "solvers", "transcription", "verdict", "methods", "search", "study", "view", "registry",
+    "errors",
+    "process",
+    "model",
+    "laws",
+    "solvers",
+    "transcription",
+    "verdict",
+    "methods",
+    "search",
+    "study",
+    "view",
+    "registry",
     "cli",
-)  # fmt: skip
+)
 
 
 @final
 @dataclass(frozen=True)
 class Import:
-    """One import of the package by one of its modules: `names` are what is imported from `module`."""
+    """One import of the package by one of its modules: `names` are what is imported from
+    `module`.
+    """
 
     module: str
     names: tuple[str, ...]
@@ -56,7 +71,9 @@ def imports(tree: ast.AST, *, late: bool = False, types: bool = False) -> Iterat
         yield from imports(node, late=late or inside, types=types or guarded)
 
 
-def targets(each: Import, known: dict[str, Path], fronts: dict[str, dict[str, str]]) -> Iterator[str]:
+def targets(
+    each: Import, known: dict[str, Path], fronts: dict[str, dict[str, str]]
+) -> Iterator[str]:
     """Yield the modules that an import reaches, names of a lazy front followed to their homes."""
     module = each.module.partition("socp.")[2] if each.module != "socp" else ""
     for name in each.names or ("",):
@@ -74,9 +91,13 @@ def homes(root: Path) -> dict[str, dict[str, str]]:
     found: dict[str, dict[str, str]] = {}
     for stub in (root / "socp").rglob("__init__.pyi"):
         room = ".".join(stub.relative_to(root / "socp").parts[:-1])
-        lines = [node for node in ast.parse(stub.read_text()).body if isinstance(node, ast.ImportFrom)]
+        lines = [
+            node for node in ast.parse(stub.read_text()).body if isinstance(node, ast.ImportFrom)
+        ]
         found[room] = {
-            name.asname or name.name: f"{room}.{node.module}".strip(".") for node in lines for name in node.names
+            name.asname or name.name: f"{room}.{node.module}".strip(".")
+            for node in lines
+            for name in node.names
         }
     for room, names in found.items():  # the front door leads to fronts
         for name, home in names.items():
@@ -97,7 +118,9 @@ def graph(root: Path, *, types: bool = False) -> dict[str, set[str]]:
 
 
 def circles(arrows: dict[str, set[str]]) -> list[list[str]]:
-    """Return the strongly connected components of more than one module, the largest first (Tarjan 1972)."""
+    """Return the strongly connected components of more than one module, the largest first (Tarjan
+    1972).
+    """
     index: dict[str, int] = {}
     low: dict[str, int] = {}
     stack: list[str] = []
@@ -151,7 +174,9 @@ def back(rooms: dict[str, set[str]]) -> list[str]:
 
 def sizes(root: Path) -> dict[str, str]:
     """Return lines, the longest function and wide lines of the package and its plugins."""
-    paths = [path for folder in ("socp", "plugins") for path in sorted((root / folder).rglob("*.py"))]
+    paths = [
+        path for folder in ("socp", "plugins") for path in sorted((root / folder).rglob("*.py"))
+    ]
     texts = {path: path.read_text(encoding="utf-8").splitlines() for path in paths}
     nodes = [node for path in paths for node in ast.walk(ast.parse(path.read_bytes()))]
     functions = [node for node in nodes if isinstance(node, ast.FunctionDef)]
@@ -168,7 +193,8 @@ def sizes(root: Path) -> dict[str, str]:
         "fullest folder": f"{count} modules in {crowd.relative_to(root)}",
         "lines": f"{lines}, the longest module {max(map(len, texts.values()))}",
         "expressions and statements": str(thoughts),
-        "longest function": f"{longest.name}, {(longest.end_lineno or 0) - longest.lineno + 1} lines",
+        "longest function": f"{longest.name}, {(longest.end_lineno or 0) - longest.lineno + 1} "
+        "lines",
         f"lines over {WIDE} characters": f"{wide} ({100.0 * wide / lines:.1f} %)",
     }
 
@@ -191,7 +217,14 @@ def measured(root: Path) -> dict[str, str]:
 def page(root: Path) -> str:
     """Return the picture of the rooms and their table, in Markdown."""
     rooms, known = between(graph(root)), modules(root)
-    lines = ["```text", *picture(rooms), "```", "", "| room | what it is | modules |", "|---|---|---|"]
+    lines = [
+        "```text",
+        *picture(rooms),
+        "```",
+        "",
+        "| room | what it is | modules |",
+        "|---|---|---|",
+    ]
     for name in ROOMS:
         doc = (ast.get_docstring(ast.parse(known[name].read_bytes())) or "").partition("\n\n")[0]
         held = [each for each in known if room(each) == name and known[each].name != "__init__.py"]
@@ -200,7 +233,9 @@ def page(root: Path) -> str:
 
 
 def picture(rooms: dict[str, set[str]]) -> list[str]:
-    """Return the rooms floor by floor, the ground floor last, with the rooms that each one stands on."""
+    """Return the rooms floor by floor, the ground floor last, with the rooms that each one stands
+    on.
+    """
     floors: dict[int, list[str]] = {}
     floor: dict[str, int] = {}
     for name in ROOMS:
@@ -212,7 +247,9 @@ def picture(rooms: dict[str, set[str]]) -> list[str]:
             direct = {other for other in rooms.get(name, set()) if other in ROOMS}
             covered = {far for other in direct for far in reachable(rooms, other)}
             stands = [other for other in ROOMS if other in direct - covered]
-            lines.append(f"{level}  {name:14} {'on ' + ', '.join(stands) if stands else ''}".rstrip())
+            lines.append(
+                f"{level}  {name:14} {'on ' + ', '.join(stands) if stands else ''}".rstrip()
+            )
     return lines
 
 

@@ -1,7 +1,9 @@
-"""The tables and figures of the paper, made anew: doi:10.3934/dcdsb.2019092, tables 1 and 2, figures 1 to 6.
+"""The tables and figures of the paper, made anew: doi:10.3934/dcdsb.2019092, tables 1 and 2,
+figures 1 to 6.
 
-Run as `python benchmarks/paper.py [--quick]`; --quick takes a tenth of the steps in table 2. It prints the tables,
-writes them into docs/paper.md between their marks, and the figures into docs/images/paper/.
+Run as `python benchmarks/paper.py [--quick]`; --quick takes a tenth of the steps in table 2. It
+prints the tables, writes them into docs/paper.md between their marks, and the figures into
+docs/images/paper/.
 """
 
 import argparse
@@ -30,11 +32,39 @@ PRINTED = {
     12: (0.049052100, 0.6456134114, 14.623817653, 14.72416210, 14.950161782),
     14: (0.049052100, 0.6456134114, 14.623817653, 14.72416210, 14.950161782),
 }
-# table 2: method in the paper, method here and its options, N, tf, iterations and seconds as printed
+# table 2: method in the paper, method here and its options, N, tf, iterations and seconds as
+# printed
 METHODS: tuple[tuple[str, str, dict[str, Any], str, int, float, int, float], ...] = (
-    ("AMPL + IPOPT, implicit Euler", "euler-ipopt", {"steps": 1000}, "steps", 1000, 14.941407, 180, 1809.557),
-    ("ICLOCS, direct transcription", "trapezoidal", {"steps": 1000}, "steps", 1000, 14.943225, 1075, 20.265),
-    ("GPOPS, three phases", "lgr-multiphase", {"phases": 3, "points": 40}, "points", 80, 14.949946, 20682, 1027.5),
+    (
+        "AMPL + IPOPT, implicit Euler",
+        "euler-ipopt",
+        {"steps": 1000},
+        "steps",
+        1000,
+        14.941407,
+        180,
+        1809.557,
+    ),
+    (
+        "ICLOCS, direct transcription",
+        "trapezoidal",
+        {"steps": 1000},
+        "steps",
+        1000,
+        14.943225,
+        1075,
+        20.265,
+    ),
+    (
+        "GPOPS, three phases",
+        "lgr-multiphase",
+        {"phases": 3, "points": 40},
+        "points",
+        80,
+        14.949946,
+        20682,
+        1027.5,
+    ),
     ("MBOC, KNITRO", "mboc", {"switches": "4", "points": 14}, "", 14, 14.950161, 6, 4.472),
 )
 
@@ -53,7 +83,10 @@ def solved(registry: Registry, problem: Problem, name: str, **options: Any) -> S
 def along(problem: Problem, solution: Solution, points: int) -> Solution:
     """Solve along the word of a solution with one LGR interval of so many points on every arc."""
     arcs = [tuple(arc.modes) for arc in solution.arcs]
-    rows = [f"{name}: {' '.join(arc[i] for arc in arcs)}" for i, name in enumerate(problem.control_names)]
+    rows = [
+        f"{name}: {' '.join(arc[i] for arc in arcs)}"
+        for i, name in enumerate(problem.control_names)
+    ]
     word = Word.parse("; ".join(rows), problem.control_names)
     follower = Follower(points=points, intervals=1, backend=Ipopt({"tol": 1e-12}))
     return follower(problem, word, arranged(problem, solution, word))
@@ -65,15 +98,23 @@ def times(solution: Solution) -> list[float]:
 
 
 def first_table(problem: Problem, word: Solution) -> str:
-    """Return table 1, ours above the paper's figures, and the differences of tf from the converged value."""
+    """Return table 1, ours above the paper's figures, and the differences of tf from the converged
+    value.
+    """
     rows, converged = [], word.final_time
     for points, printed in PRINTED.items():
         ours = times(along(problem, word, points))
-        rows.append([str(points), "ours", *(f"{t:.9f}" for t in ours), f"{ours[-1] - converged:+.1e}"])
-        rows.append(["", "paper", *(f"{t:.9f}" for t in printed), f"{printed[-1] - converged:+.1e}"])
+        rows.append(
+            [str(points), "ours", *(f"{t:.9f}" for t in ours), f"{ours[-1] - converged:+.1e}"]
+        )
+        rows.append(
+            ["", "paper", *(f"{t:.9f}" for t in printed), f"{printed[-1] - converged:+.1e}"]
+        )
     for points in (18, 24, 30):
         ours = times(along(problem, word, points))
-        rows.append([str(points), "ours", *(f"{t:.9f}" for t in ours), f"{ours[-1] - converged:+.1e}"])
+        rows.append(
+            [str(points), "ours", *(f"{t:.9f}" for t in ours), f"{ours[-1] - converged:+.1e}"]
+        )
     rows.append(["", "converged", *(f"{t:.9f}" for t in times(word)), ""])
     return table(["n", "", "t1", "t2", "t3", "t4", "tf", "tf - converged"], rows)
 
@@ -96,10 +137,19 @@ def second_table(registry: Registry, problem: Problem, factor: int) -> tuple[str
         solution = registry.methods[name](**chosen).solve(problem, default_guess(problem))
         spent = time.process_time() - began
         given = ", ".join(f"{key}={value}" for key, value in chosen.items())
-        rows.append([
-            f"`{name}` ({given})", f"{solution.objective:.9f}", str(solution.iterations), f"{spent:.2f}",
-            title, str(size), f"{objective:.6f}", str(iterations), f"{seconds:g}",
-        ])  # fmt: skip
+        rows.append(
+            [
+                f"`{name}` ({given})",
+                f"{solution.objective:.9f}",
+                str(solution.iterations),
+                f"{spent:.2f}",
+                title,
+                str(size),
+                f"{objective:.6f}",
+                str(iterations),
+                f"{seconds:g}",
+            ]
+        )
         found.append(solution)
     head = ["ours", "tf", "iterations", "CPU s", "the paper's", "N", "tf", "iterations", "CPU s"]
     return table(head, rows), found
@@ -109,7 +159,9 @@ def second_table(registry: Registry, problem: Problem, factor: int) -> tuple[str
 
 
 def sampled(solution: Solution, which: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and values of x or u, arc after arc, so that jumps between arcs show as jumps."""
+    """Return times and values of x or u, arc after arc, so that jumps between arcs show as
+    jumps.
+    """
     pieces = []
     for arc in solution.arcs:
         for k in range(len(arc.mesh) - 1):
@@ -129,7 +181,9 @@ def draw(number: int, solution: Solution, which: str, names: Sequence[str], titl
     from matplotlib import pyplot as plt
 
     t, values = sampled(solution, which)
-    figure, axes = plt.subplots(1, len(names), figsize=(3.2 * len(names), 2.6), layout="constrained")
+    figure, axes = plt.subplots(
+        1, len(names), figsize=(3.2 * len(names), 2.6), layout="constrained"
+    )
     for axis, name, row in zip(np.atleast_1d(axes), names, values, strict=True):
         axis.plot(t, row, linewidth=1.0, color="#1f4e79")
         axis.set_xlabel("t")

@@ -1,4 +1,5 @@
-"""The pictures of the documentation, its gallery page and the outputs of its notebook, all made anew.
+"""The pictures of the documentation, its gallery page and the outputs of its notebook, all made
+anew.
 
 Run as `python benchmarks/pictures.py [NAME ...]`; without names everything is made.
 """
@@ -23,10 +24,11 @@ HEAD = """# Gallery
 Every problem that comes with socp, solved from a cold start by `socp solve NAME`, drawn by
 `socp plot NAME.socp.json --panels scene,controls,switching,states`.
 
-Shaded arcs are at the lower bound (min), at the upper bound (max), singular, or on a state constraint (boundary).
-Dashed lines are bounds, dotted lines switching times, σ the switching function of a control: at its lower bound where
-it is positive. [Figures](figures.md) says how to make such pictures, and [problems](problems/index.md) what is known of
-each problem. `python benchmarks/pictures.py` makes this page anew.
+Shaded arcs are at the lower bound (min), at the upper bound (max), singular, or on a state
+constraint (boundary). Dashed lines are bounds, dotted lines switching times, σ the switching
+function of a control: at its lower bound where it is positive. [Figures](figures.md) says how to
+make such pictures, and [problems](problems/index.md) what is known of each problem.
+`python benchmarks/pictures.py` makes this page anew.
 """
 
 
@@ -40,14 +42,33 @@ def command(*words: str) -> None:
 def section(name: str, title: str, result: Path) -> str:
     """Solve a problem, draw it and return its part of the page."""
     command("solve", name, "--quiet", "--out", str(result))
-    command("plot", str(result), "--panels", PANELS, "-o", str(DOCS / "images" / "gallery" / f"{name}.svg"))
+    command(
+        "plot",
+        str(result),
+        "--panels",
+        PANELS,
+        "-o",
+        str(DOCS / "images" / "gallery" / f"{name}.svg"),
+    )
     if name == "auv":
-        command("plot", str(result), "--panels", FRONT, "--stretch", "-o", str(DOCS / "images" / "auv.svg"))
+        command(
+            "plot",
+            str(result),
+            "--panels",
+            FRONT,
+            "--stretch",
+            "-o",
+            str(DOCS / "images" / "auv.svg"),
+        )
     solution = Solution.load(result)
-    judged = "an extremal of Pontryagin's principle" if solution.extremal else "feasible, not certified as an extremal"
+    judged = (
+        "an extremal of Pontryagin's principle"
+        if solution.extremal
+        else "feasible, not certified as an extremal"
+    )
     return (
-        f"## `{name}`\n\n{title}. Word `{solution.word}`, objective {solution.objective:.10g}; {judged}.\n\n"
-        f"![{title}](images/gallery/{name}.svg)\n"
+        f"## `{name}`\n\n{title}. Word `{solution.word}`, objective {solution.objective:.10g}; "
+        f"{judged}.\n\n![{title}](images/gallery/{name}.svg)\n"
     )
 
 
@@ -71,7 +92,9 @@ def main() -> None:
     chosen = parser.parse_args().names
     registry = Registry.load()
     (DOCS / "images" / "gallery").mkdir(parents=True, exist_ok=True)
-    own = sorted(name for name, each in registry.entries.items() if each.package.startswith("socp "))
+    own = sorted(
+        name for name, each in registry.entries.items() if each.package.startswith("socp ")
+    )
     with tempfile.TemporaryDirectory() as folder:
         results = Path(folder) / "result.socp.json"
         parts = [section(name, registry.problem(name).title, results) for name in chosen or own]

@@ -1,4 +1,6 @@
-"""The default: direct solves show the arcs, their word is solved and mended until the judge certifies it."""
+"""The default: direct solves show the arcs, their word is solved and mended until the judge
+certifies it.
+"""
 
 import time
 from dataclasses import dataclass, replace
@@ -24,7 +26,9 @@ from socp.search import Search, concluded, pursued, refine, trusted
 from socp.study import limited
 from socp.transcription import euler, radau_iia
 
-_DIRECT = Ipopt({"max_iter": 500})  # what a direct solve has not reached by then it hardly ever reaches
+_DIRECT = Ipopt(
+    {"max_iter": 500}
+)  # what a direct solve has not reached by then it hardly ever reaches
 
 
 @final
@@ -35,15 +39,24 @@ class Auto(Method):
     name: ClassVar[str] = "auto"
     source: ClassVar[str] = "structure from direct collocation, mended by the minimum principle"
     steps: int = option(100, "steps of the first direct solves", least=10)
-    starts: int = option(12, "coarse solves from scattered guesses, at most, to find the best extremal", least=0)
-    digits: int = option(
-        9, "digits of objective and switching times that two computations have to agree on", least=1, most=15
+    starts: int = option(
+        12, "coarse solves from scattered guesses, at most, to find the best extremal", least=0
     )
-    max_switches: int = option(6, "most switches of the best word where the control chatters; 0: any number", least=0)
+    digits: int = option(
+        9,
+        "digits of objective and switching times that two computations have to agree on",
+        least=1,
+        most=15,
+    )
+    max_switches: int = option(
+        6, "most switches of the best word where the control chatters; 0: any number", least=0
+    )
     backend: Backend = option(_DIRECT, "solver of the first direct solves")
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
-        """Scout from scattered guesses, then refine the best found until a word is certified; else return the best."""
+        """Scout from scattered guesses, then refine the best found until a word is certified; else
+        return the best.
+        """
         began, search, directs = time.perf_counter(), Search(), list[Solution]()
         try:
             found = self._searched(problem, guess, (search, directs), watch)

@@ -23,7 +23,9 @@ from socp.transcription import euler
 @final
 @dataclass(frozen=True)
 class EulerIpopt(Method):
-    """Order 1, and the calmest grid: its controls seldom ring. A robust start for sharper methods."""
+    """Order 1, and the calmest grid: its controls seldom ring. A robust start for sharper
+    methods.
+    """
 
     name: ClassVar[str] = "euler-ipopt"
     source: ClassVar[str] = "doi:10.3934/dcdsb.2019092, section 4 (AMPL + IPOPT)"
@@ -32,7 +34,9 @@ class EulerIpopt(Method):
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
         """Solve on one phase."""
-        return solve_collocated(single_phase(problem), [uniform(euler(), self.steps)], self.backend, guess, watch)
+        return solve_collocated(
+            single_phase(problem), [uniform(euler(), self.steps)], self.backend, guess, watch
+        )
 
 
 @hookimpl

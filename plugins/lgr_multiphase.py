@@ -1,4 +1,6 @@
-"""Legendre-Gauss-Radau collocation on several phases of free lengths, with free controls or along a given word."""
+"""Legendre-Gauss-Radau collocation on several phases of free lengths, with free controls or along a
+given word.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -30,36 +32,57 @@ _COARSE = 100  # steps of the coarse solve: enough to show the arcs, few enough 
 @final
 @dataclass(frozen=True)
 class LgrMultiphase(Method):
-    """Along a word: its laws on every arc, switching times to many digits. Without one: phases of free controls."""
+    """Along a word: its laws on every arc, switching times to many digits. Without one: phases of
+    free controls.
+    """
 
     name: ClassVar[str] = "lgr-multiphase"
     source: ClassVar[str] = "doi:10.3934/dcdsb.2019092, section 4 (GPOPS) and (16)"
     word: str = option("", "arcs by control, such as 'r: + s s s +; f: + + b - -'")
-    lengths: str = option("", "rough arc lengths as a guess, such as '0.05 0.6 14 0.1 0.2'; equal where not given")
+    lengths: str = option(
+        "", "rough arc lengths as a guess, such as '0.05 0.6 14 0.1 0.2'; equal where not given"
+    )
     phases: int = option(3, "number of phases where there is no word", least=1, most=1000)
-    points: int = option(0, "collocation points an interval; 0 means 40 without a word, 10 with one", least=0, most=100)
+    points: int = option(
+        0,
+        "collocation points an interval; 0 means 40 without a word, 10 with one",
+        least=0,
+        most=100,
+    )
     intervals: int = option(
-        0, "intervals an arc; 0 means one without a word, as many as the tolerance needs with one", least=0
+        0,
+        "intervals an arc; 0 means one without a word, as many as the tolerance needs with one",
+        least=0,
     )
     tolerance: float = option(
-        1e-7, "size of the states' last Legendre coefficients, relative, that ends refinement", least=1e-15
+        1e-7,
+        "size of the states' last Legendre coefficients, relative, that ends refinement",
+        least=1e-15,
     )
     backend: Backend = option(Ipopt({"tol": 1e-11}), "solver of the nonlinear programme")
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
-        """Solve on phases of free lengths; along a word, on meshes that are refined until the states have converged.
+        """Solve on phases of free lengths; along a word, on meshes that are refined until the
+        states have converged.
 
         Where the guess leads nowhere along a word, a coarse solve without it gives another.
         """
         if not self.word:
-            phased, meshes = single_phase(problem, self.phases), [uniform(lgr(self.points or 40), self.intervals or 1)]
-            return solve_collocated(phased, meshes * self.phases, self.backend, self._cut(guess, self.phases), watch)
+            phased, meshes = (
+                single_phase(problem, self.phases),
+                [uniform(lgr(self.points or 40), self.intervals or 1)],
+            )
+            return solve_collocated(
+                phased, meshes * self.phases, self.backend, self._cut(guess, self.phases), watch
+            )
         word = Word.parse(self.word, problem.control_names)
         follower = Follower(self.points or 10, self.intervals, self.tolerance, backend=self.backend)
         solution = follower(problem, word, self._cut(guess, len(word.arcs)), watch)
         if sound(problem, solution) or solution.stop is Stop.INTERRUPTED:
             return solution
-        coarse = solve_collocated(single_phase(problem), [uniform(euler(), _COARSE)], Ipopt(), guess, watch)
+        coarse = solve_collocated(
+            single_phase(problem), [uniform(euler(), _COARSE)], Ipopt(), guess, watch
+        )
         again = replace(follower, boxed=True)(problem, word, arranged(problem, coarse, word), watch)
         better = again if again.stop.ok or not solution.stop.ok else solution
         return better.after(coarse).after(solution if better is again else again)
@@ -72,7 +95,9 @@ class LgrMultiphase(Method):
         except ValueError:
             raise MethodError(f"lengths: '{self.lengths}' should be numbers, one an arc") from None
         if len(lengths) != count or not all(0 < length < math.inf for length in lengths):
-            raise MethodError(f"lengths: '{self.lengths}' should be {count} positive numbers, one an arc")
+            raise MethodError(
+                f"lengths: '{self.lengths}' should be {count} positive numbers, one an arc"
+            )
         return split(guess, lengths)
 
 

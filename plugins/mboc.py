@@ -1,4 +1,6 @@
-"""Mixed-binary optimal control: which mode every arc is in, given only how many switches there may be."""
+"""Mixed-binary optimal control: which mode every arc is in, given only how many switches there may
+be.
+"""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -44,7 +46,9 @@ from socp.search import (
 from socp.transcription import radau_iia
 from socp.verdict import chattering, judge
 
-_DIRECT = Ipopt({"max_iter": 500})  # what a direct solve has not reached by then it hardly ever reaches
+_DIRECT = Ipopt(
+    {"max_iter": 500}
+)  # what a direct solve has not reached by then it hardly ever reaches
 _STEPS = 50  # intervals of the finer direct solves, where the scouts' words lead nowhere
 _MOST = 12  # switches that are tried where their number is not given
 _LARGEST = 99  # switches that may be allowed
@@ -57,18 +61,28 @@ _MET = 1e-6  # of the states: softened ends are met up to the solver's tolerance
 @final
 @dataclass(frozen=True)
 class Mboc(Method):
-    """Finds the word from a bound on its switches: branch and bound over words, or a mixed-integer solver."""
+    """Finds the word from a bound on its switches: branch and bound over words, or a mixed-integer
+    solver.
+    """
 
     name: ClassVar[str] = "mboc"
     source: ClassVar[str] = "doi:10.3934/dcdsb.2019092, section 3 (MBOC, MBNLP)"
-    switches: str = option("auto", "most switches that the word may have, or auto: as few as it takes")
+    switches: str = option(
+        "auto", "most switches that the word may have, or auto: as few as it takes"
+    )
     points: int = option(12, "collocation points an arc during the search", least=2, most=100)
-    solver: str = option("search", "search over words, or bonmin, scip, gdpopt, mindtpy, knitro, gurobi")
+    solver: str = option(
+        "search", "search over words, or bonmin, scip, gdpopt, mindtpy, knitro, gurobi"
+    )
     time: float = option(60.0, "seconds after which the search gives its best", least=0)
-    starts: int = option(12, "coarse solves from scattered guesses, at most, to find the best extremal", least=1)
+    starts: int = option(
+        12, "coarse solves from scattered guesses, at most, to find the best extremal", least=1
+    )
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
-        """Search for a word that the judge certifies; else return the best with what is left open in its message."""
+        """Search for a word that the judge certifies; else return the best with what is left open
+        in its message.
+        """
         began, most = time.perf_counter(), self._most()
         if self.solver != "search":
             from socp.search import available
@@ -76,7 +90,10 @@ class Mboc(Method):
             available(self.solver)  # raises before anything is solved
         modes = arc_modes(problem)
         if not modes:
-            raise MethodError(f"mboc: problem '{problem.name}' has no law on any arc; give laws, or solve it directly")
+            raise MethodError(
+                f"mboc: problem '{problem.name}' has no law on any arc; give laws, or solve it "
+                "directly"
+            )
         coarse = Coarse(problem, lambda _: problem, self.points, Ration())
         branching, directs = Branching(coarse, modes, most, most), list[Solution]()
         branching.until = time.monotonic() + self.time
@@ -105,8 +122,12 @@ class Mboc(Method):
             raise MethodError(f"mboc: switches='{self.switches}', but it should be {allowed}")
         return most
 
-    def _searched(self, branching: Branching, guess: Solution, directs: list[Solution], watch: Watch) -> None:
-        """Search from one direct solution after another until a word is certified, or the time is over."""
+    def _searched(
+        self, branching: Branching, guess: Solution, directs: list[Solution], watch: Watch
+    ) -> None:
+        """Search from one direct solution after another until a word is certified, or the time is
+        over.
+        """
         problem = branching.coarse.problem
         for direct in self._directs(problem, guess, watch):
             directs.append(direct)
@@ -130,10 +151,16 @@ class Mboc(Method):
         met = scouts(problem, guess, self.starts, watch)
         yield from met
         for start in (*met, guess):
-            yield solve_collocated(single_phase(problem), [uniform(radau_iia(2), _STEPS)], _DIRECT, start, watch)
+            yield solve_collocated(
+                single_phase(problem), [uniform(radau_iia(2), _STEPS)], _DIRECT, start, watch
+            )
 
-    def _seeds(self, problem: Problem, direct: Solution, modes: Sequence[Modes]) -> Iterator[Candidate]:
-        """Yield the words nearest to a direct solution in the integral, bangs that hide between its nodes added."""
+    def _seeds(
+        self, problem: Problem, direct: Solution, modes: Sequence[Modes]
+    ) -> Iterator[Candidate]:
+        """Yield the words nearest to a direct solution in the integral, bangs that hide between its
+        nodes added.
+        """
         try:
             found = rounded(problem, direct, modes, min(self._most(), _ROUNDED))
         except SolveError:
@@ -141,8 +168,12 @@ class Mboc(Method):
         yield revealed(problem, found)
         yield found
 
-    def _programmed(self, branching: Branching, guess: Solution, directs: list[Solution], watch: Watch) -> None:
-        """Have a mixed-integer solver choose the modes; what it returns is cleaned, solved anew and judged."""
+    def _programmed(
+        self, branching: Branching, guess: Solution, directs: list[Solution], watch: Watch
+    ) -> None:
+        """Have a mixed-integer solver choose the modes; what it returns is cleaned, solved anew and
+        judged.
+        """
         from socp.search import minlp
 
         problem = branching.coarse.problem
@@ -164,7 +195,9 @@ class Mboc(Method):
     # -- what is left to say
 
     def _concluded(self, branching: Branching, directs: list[Solution]) -> Solution:
-        """Return the best judged solution, or else the direct one that misses least, with what is left open."""
+        """Return the best judged solution, or else the direct one that misses least, with what is
+        left open.
+        """
         interrupted = branching.stopped == Stop.INTERRUPTED.value
         best = branching.best
         if best is None:
@@ -173,18 +206,38 @@ class Mboc(Method):
             ok = [each for each in directs if each.stop.ok]
             if not ok or interrupted:
                 return replace(directs[-1], stop=Stop.INTERRUPTED) if interrupted else directs[-1]
-            best = min((judge(branching.coarse.problem, each) for each in (ok[0], *ok[1:][-1:])), key=_missed)
-        said = "" if self.solver == "search" or directs[-1].message in best.message else directs[-1].message
-        text = "; ".join(filter(None, (best.message, said, self._explained(branching, directs, best))))
+            best = min(
+                (judge(branching.coarse.problem, each) for each in (ok[0], *ok[1:][-1:])),
+                key=_missed,
+            )
+        said = (
+            ""
+            if self.solver == "search" or directs[-1].message in best.message
+            else directs[-1].message
+        )
+        text = "; ".join(
+            filter(None, (best.message, said, self._explained(branching, directs, best)))
+        )
         return replace(best, message=text, stop=Stop.INTERRUPTED if interrupted else best.stop)
 
     def _explained(self, branching: Branching, directs: list[Solution], best: Solution) -> str:
-        """Say what is known of all words, and which arc is missing where the word found is no extremal."""
-        searched = self.solver == "search"  # other solvers look at words by themselves: there is nothing to count
+        """Say what is known of all words, and which arc is missing where the word found is no
+        extremal.
+        """
+        searched = (
+            self.solver == "search"
+        )  # other solvers look at words by themselves: there is nothing to count
         if best.extremal and branching.best is not None:
-            better = [each for each in directs if best.objective - each.objective > _ALIKE * abs(best.objective)]
+            better = [
+                each
+                for each in directs
+                if best.objective - each.objective > _ALIKE * abs(best.objective)
+            ]
             known = branching.ledger.text(branching.switches, closed=not better)
-            hedged = f"{known}; all of it as far as a local solver finds the best there is, which it does not prove"
+            hedged = (
+                f"{known}; all of it as far as a local solver finds the best there is, which it "
+                "does not prove"
+            )
             return hedged if searched else ""
         none = "no word tried meets the ends" if branching.nodes else "no word was tried"
         direct = "" if branching.best or not searched else f"{none}, and this is a direct solution"
@@ -192,12 +245,16 @@ class Mboc(Method):
         parts = [_missing(branching, best), direct, known, branching.stopped]
         names = chattering(branching.coarse.problem, best)
         if names:
-            parts.append(f"{', '.join(names)}: chattering, which no finite number of switches allows")
+            parts.append(
+                f"{', '.join(names)}: chattering, which no finite number of switches allows"
+            )
         return "; ".join(filter(None, parts))
 
 
 def _others(branching: Branching, directs: Sequence[Solution]) -> Iterator[Child]:
-    """Yield all words within the bound that nothing is known of, if they are few, cut where a direct solution fits."""
+    """Yield all words within the bound that nothing is known of, if they are few, cut where a
+    direct solution fits.
+    """
     problem, near = branching.coarse.problem, next((each for each in directs if each.stop.ok), None)
     if near is None or count(len(branching.modes), branching.switches) > _FEW:
         return
@@ -209,7 +266,9 @@ def _others(branching: Branching, directs: Sequence[Solution]) -> Iterator[Child
 
 
 def _missing(branching: Branching, best: Solution) -> str:
-    """Name the arc that the judge asks for, or that a word with more switches has and none of these can."""
+    """Name the arc that the judge asks for, or that a word with more switches has and none of these
+    can.
+    """
     words, asked = branching.coarse.problem.control_names, _asked(best) if branching.best else ""
     longer, solution = min(branching.beyond, key=lambda pair: pair[0].rank, default=(None, best))
     if not asked and longer is None:
@@ -234,12 +293,19 @@ def _missed(solution: Solution) -> float:
 
 def _asked(best: Solution) -> str:
     """Return what the judge asks for most: the control, the mode, where."""
-    findings = [f for f in best.verdict.findings if f.wants and not f.holds and f.t is not None] if best.verdict else []
+    findings = (
+        [f for f in best.verdict.findings if f.wants and not f.holds and f.t is not None]
+        if best.verdict
+        else []
+    )
     if not findings:
         return ""
     worst = max(findings, key=lambda f: f.residual)
     control = worst.where.split(",")[0]
-    return f", {control}: {worst.wants} at t = {worst.t:.4g} ({worst.condition} on {worst.where}: {worst.residual:.1e})"
+    return (
+        f", {control}: {worst.wants} at t = {worst.t:.4g} ({worst.condition} on "
+        f"{worst.where}: {worst.residual:.1e})"
+    )
 
 
 @hookimpl

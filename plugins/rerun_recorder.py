@@ -36,9 +36,15 @@ from socp.view.recording import viewer
 SCHEMA = 1  # version of what a recording holds, in its properties
 _FOOTER = b"RRF2FOOT"  # near the end of every file that was closed in order
 _EVERY = 0.2  # seconds between two writes while a solver runs
-_WRITING, _ENDING = 15.0, 10.0  # seconds to wait for what is not yet written, and for the end of the stream
+_WRITING, _ENDING = (
+    15.0,
+    10.0,
+)  # seconds to wait for what is not yet written, and for the end of the stream
 _GONE = 1.0  # the same where the viewer is gone, or the writer has given up
-_SHARE, _APART = 0.05, 1 / 12  # iterates take this share of the time at most, and wait for that share of it
+_SHARE, _APART = (
+    0.05,
+    1 / 12,
+)  # iterates take this share of the time at most, and wait for that share of it
 
 
 @hookimpl
@@ -70,10 +76,14 @@ class Recorder:
 
     @classmethod
     def open(cls, problem: Problem, path: Path | None, live: str, *, several: bool) -> "Recorder":
-        """Open the file, the viewer at the address `live`, or both; what rerun raises comes through."""
+        """Open the file, the viewer at the address `live`, or both; what rerun raises comes
+        through.
+        """
         if os.environ.get("RERUN", "").lower() in {"off", "0", "false", "no"}:
             raise SolveError("not recorded: the environment variable RERUN turns rerun off")
-        os.environ.setdefault("RUST_LOG", "off")  # what goes wrong is found out below and told in one line
+        os.environ.setdefault(
+            "RUST_LOG", "off"
+        )  # what goes wrong is found out below and told in one line
         import rerun as rr
 
         rr.set_strict_mode(True)
@@ -90,7 +100,11 @@ class Recorder:
         stream.send_blueprint(blueprint(streaming(), "progress"))
         stream.log("/help", rr.TextDocument(HELP, media_type=rr.MediaType.MARKDOWN), static=True)
         for part, colour in (("objective", PALETTE[0]), ("infeasibility", PALETTE[1])):
-            stream.log(f"/progress/{part}", rr.SeriesLines(names=[part], colors=[colour], widths=[1.5]), static=True)
+            stream.log(
+                f"/progress/{part}",
+                rr.SeriesLines(names=[part], colors=[colour], widths=[1.5]),
+                static=True,
+            )
         return cls(stream, path, live, several, problem)
 
     def __call__(self, now: Progress, /) -> None:
@@ -121,7 +135,11 @@ class Recorder:
                     send(self.stream, each)
         colour = PALETTE[len(self.finished) % len(PALETTE)]
         among = picture(problem, self.finished[0]) if self.finished else None
-        run = Run(f"/runs/{solution.method}", colour, solution.method, among) if self.several else Run()
+        run = (
+            Run(f"/runs/{solution.method}", colour, solution.method, among)
+            if self.several
+            else Run()
+        )
         found = items(problem, solution, run)
         for each in found:
             if not (self.several and each.path == f"{run.root}/summary"):
@@ -130,7 +148,9 @@ class Recorder:
         self.items += found
 
     def close(self) -> None:
-        """Write the layout, close the file and make sure that it is whole; SolveError says what is wrong with it."""
+        """Write the layout, close the file and make sure that it is whole; SolveError says what is
+        wrong with it.
+        """
         self._write()
         if self.finished:
             self._conclude()
@@ -179,7 +199,11 @@ class Recorder:
                 send(self.stream, each)
         else:
             roots = [""]
-            about |= {"method": one_line(first.method), "stop": first.stop.name, "objective": first.objective}
+            about |= {
+                "method": one_line(first.method),
+                "stop": first.stop.name,
+                "objective": first.objective,
+            }
             about |= {"word": one_line(first.word), "extremal": str(first.extremal)}
             about |= {f"version {k}": one_line(v) for k, v in first.versions.items()}
         self.stream.send_property(
@@ -195,7 +219,9 @@ class Recorder:
 
         if not self.rows:
             return
-        index, objective, infeasibility = (np.array(column) for column in zip(*self.rows, strict=True))
+        index, objective, infeasibility = (
+            np.array(column) for column in zip(*self.rows, strict=True)
+        )
         self.rows.clear()
         at = rr.TimeColumn("progress", sequence=index.astype(int))
         for name, values in (("objective", objective), ("infeasibility", log10(infeasibility))):

@@ -23,16 +23,22 @@ from socp.transcription import trapezoid
 @final
 @dataclass(frozen=True)
 class Trapezoidal(Method):
-    """Order 2 with a control linear between the steps; on singular and boundary arcs that control rings."""
+    """Order 2 with a control linear between the steps; on singular and boundary arcs that control
+    rings.
+    """
 
     name: ClassVar[str] = "trapezoidal"
-    source: ClassVar[str] = "doi:10.3934/dcdsb.2019092, section 4 (ICLOCS); Betts, Practical Methods, 4.5"
+    source: ClassVar[str] = (
+        "doi:10.3934/dcdsb.2019092, section 4 (ICLOCS); Betts, Practical Methods, 4.5"
+    )
     steps: int = option(400, "steps of equal length", least=1)
     backend: Backend = option(Ipopt(), "solver of the nonlinear programme")
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
         """Solve on one phase."""
-        return solve_collocated(single_phase(problem), [uniform(trapezoid(), self.steps)], self.backend, guess, watch)
+        return solve_collocated(
+            single_phase(problem), [uniform(trapezoid(), self.steps)], self.backend, guess, watch
+        )
 
 
 @hookimpl

@@ -1,4 +1,6 @@
-"""Minimum-time path of an underwater vehicle through a shear current, to a disc around the origin."""
+"""Minimum-time path of an underwater vehicle through a shear current, to a disc around the
+origin.
+"""
 
 from math import pi, sqrt
 
@@ -24,7 +26,8 @@ problem = Problem(
     target={"disc": x**2 + y**2 <= 0.05},
     scene=Scene(plane=(x, y), heading=phi, flow=(0.8 * tanh(y), 0), target=(0, 0, sqrt(0.05))),
     title="AUV in a shear current, minimum time",
-    source="Foroozandeh, de Pinho, Shamsi, DCDS-B 24(5) 2019, doi:10.3934/dcdsb.2019092, with u >= 0",
+    source="Foroozandeh, de Pinho, Shamsi, DCDS-B 24(5) 2019, doi:10.3934/dcdsb.2019092, with u "
+    ">= 0",
     reference=Reference(
         objective=14.950161782153554,
         switches=(0.04905210859259, 0.6456134114460, 14.6238176532765, 14.7241631681594),

@@ -1,4 +1,6 @@
-"""The underwater vehicle exactly as printed: no lower bound on the speed, and driving backwards is faster."""
+"""The underwater vehicle exactly as printed: no lower bound on the speed, and driving backwards is
+faster.
+"""
 
 from math import pi, sqrt
 
@@ -24,12 +26,20 @@ problem = Problem(
     target={"disc": x**2 + y**2 <= 0.05},
     scene=Scene(plane=(x, y), heading=phi, flow=(0.8 * tanh(y), 0), target=(0, 0, sqrt(0.05))),
     title="AUV in a shear current as printed, reverse driving allowed",
-    source="Foroozandeh, de Pinho, Shamsi, DCDS-B 24(5) 2019, doi:10.3934/dcdsb.2019092, problem (P)",
+    source="Foroozandeh, de Pinho, Shamsi, DCDS-B 24(5) 2019, doi:10.3934/dcdsb.2019092, problem "
+    "(P)",
     reference=Reference(
         objective=14.49097722886439,
-        switches=(0.2259576834809, 1.0574034885052, 13.6032382057994, 13.9843161216795, 14.4140490578992),
+        switches=(
+            0.2259576834809,
+            1.0574034885052,
+            13.6032382057994,
+            13.9843161216795,
+            14.4140490578992,
+        ),
         word="r: + + s - - -; f: + - - - + -",
         tolerance=1e-11,
-        source="Pontryagin boundary value problem and LGR on two meshes, 12 digits; best of 130 starts",
+        source="Pontryagin boundary value problem and LGR on two meshes, 12 digits; best of 130 "
+        "starts",
     ),
 )

@@ -1,4 +1,6 @@
-"""Move a double integrator over a distance of 10, rest to rest, under a speed limit, in minimum time."""
+"""Move a double integrator over a distance of 10, rest to rest, under a speed limit, in minimum
+time.
+"""
 
 from socp import Problem, Reference, controls, final_time, states
 

@@ -1,4 +1,6 @@
-"""Shortest path of bounded curvature between two positions with given headings: left, straight, right."""
+"""Shortest path of bounded curvature between two positions with given headings: left, straight,
+right.
+"""
 
 from math import pi
 

@@ -1,4 +1,6 @@
-"""Harvest a fish stock for the largest discounted profit: wait, hold the golden-rule stock, fish out at the end."""
+"""Harvest a fish stock for the largest discounted profit: wait, hold the golden-rule stock, fish
+out at the end.
+"""
 
 from casadi import exp
 

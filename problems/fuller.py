@@ -1,4 +1,6 @@
-"""Fuller's problem: the bang arcs shorten geometrically and pile up where the singular arc begins."""
+"""Fuller's problem: the bang arcs shorten geometrically and pile up where the singular arc
+begins.
+"""
 
 from socp import Problem, Reference, controls, states
 
@@ -13,10 +15,12 @@ problem = Problem(
     start={x1: 0, x2: 1},
     final_time=5,
     title="Fuller's problem, chattering",
-    source="Fuller, Journal of Electronics and Control 15, 1963; Zelikin, Borisov, Theory of Chattering Control, 1994",
+    source="Fuller, Journal of Electronics and Control 15, 1963; Zelikin, Borisov, Theory of "
+    "Chattering Control, 1994",
     reference=Reference(
         objective=0.13419691528445565,
         tolerance=1e-15,
-        source="closed form: infinitely many switches, from 1.72753788888581 on by a ratio of 0.24212137, then u = 0",
+        source="closed form: infinitely many switches, from 1.72753788888581 on by a ratio of "
+        "0.24212137, then u = 0",
     ),
 )

@@ -1,4 +1,6 @@
-"""Regulate a double integrator, position and speed weighted alike: bang, then a singular arc to the end."""
+"""Regulate a double integrator, position and speed weighted alike: bang, then a singular arc to the
+end.
+"""
 
 from socp import Problem, Reference, controls, states
 

@@ -1,4 +1,6 @@
-"""Fish a predator and its prey so that both settle at 1: the fishing effort without its integrality."""
+"""Fish a predator and its prey so that both settle at 1: the fishing effort without its
+integrality.
+"""
 
 from socp import Problem, Reference, controls, states
 

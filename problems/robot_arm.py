@@ -1,4 +1,6 @@
-"""Move a robot arm between two positions at rest in minimum time: three controls, no singular arc."""
+"""Move a robot arm between two positions at rest in minimum time: three controls, no singular
+arc.
+"""
 
 from math import pi
 
@@ -6,7 +8,9 @@ from casadi import sin
 
 from socp import Problem, Reference, controls, final_time, states
 
-rho, rhod, theta, thetad, phi, phid = states("rho rhod theta thetad phi phid")  # length and angles, each with its rate
+rho, rhod, theta, thetad, phi, phid = states(
+    "rho rhod theta thetad phi phid"
+)  # length and angles, each with its rate
 u_rho, u_theta, u_phi = controls("u_rho u_theta u_phi")
 
 inertia = ((5 - rho) ** 3 + rho**3) / 3

@@ -1,6 +1,7 @@
 """socp: singular optimal control problems, from one file to arcs, switching times and a verdict.
 
-The names below are the public language. They are loaded on first use, so that `import socp` costs nothing.
+The names below are the public language. They are loaded on first use, so that `import socp` costs
+nothing.
 """
 
 import lazy_loader

@@ -24,7 +24,9 @@ class SolveError(SocpError):
 
 
 class ContractError(SocpError):
-    """A method broke the contract of methods: it raised, returned or told what none may; the text names it."""
+    """A method broke the contract of methods: it raised, returned or told what none may; the text
+    names it.
+    """
 
 
 class KeepingError(SocpError):
@@ -32,17 +34,24 @@ class KeepingError(SocpError):
 
 
 def load(module: str, extra: str, what: str) -> Any:
-    """Return an optional module; MethodError says which extra of socp brings the package that `what` needs."""
+    """Return an optional module; MethodError says which extra of socp brings the package that
+    `what` needs.
+    """
     try:
         return _matplotlib() if module == "matplotlib" else import_module(module)
     except ModuleNotFoundError as error:
         package = (error.name or module).partition(".")[0]
-        text = f"{what} needs the package {package}, which is not installed; pip install 'socp[{extra}]'"
+        text = (
+            f"{what} needs the package {package}, which is not installed; pip install "
+            f"'socp[{extra}]'"
+        )
         raise MethodError(text) from error
 
 
 def _matplotlib() -> Any:
-    """Import matplotlib, which breaks off where MPLBACKEND names no backend; figures are drawn without one."""
+    """Import matplotlib, which breaks off where MPLBACKEND names no backend; figures are drawn
+    without one.
+    """
     backend = None if "matplotlib" in sys.modules else os.environ.pop("MPLBACKEND", None)
     try:
         found = import_module("matplotlib")

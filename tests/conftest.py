@@ -8,7 +8,9 @@ from hypothesis import settings
 
 from socp.registry.plugins import Registry
 
-settings.register_profile("socp", deadline=None)  # how long an example takes depends on what else is running
+settings.register_profile(
+    "socp", deadline=None
+)  # how long an example takes depends on what else is running
 settings.load_profile("socp")
 
 Install = Callable[..., None]
@@ -17,7 +19,7 @@ PLUGIN = '''
 from dataclasses import dataclass
 from typing import ClassVar, final
 from socp import Ipopt, Method, hookimpl, option, single_phase, solve_collocated, uniform
-from socp.schemes import euler
+from socp.transcription import euler
 
 @final
 @dataclass(frozen=True)
@@ -32,7 +34,8 @@ class Mine(Method):
     backend: Ipopt = option(Ipopt(), "solver")
 
     def solve(self, problem, guess, watch=None):
-        return solve_collocated(single_phase(problem), [uniform(euler(), self.steps)], self.backend, guess)
+        meshes = [uniform(euler(), self.steps)]
+        return solve_collocated(single_phase(problem), meshes, self.backend, guess)
 
 @hookimpl
 def socp_methods():
@@ -48,16 +51,22 @@ def registry() -> Registry:
 
 @pytest.fixture
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
-    """Install a package of one module as pip would leave it: the module and its metadata on the search path."""
+    """Install a package of one module as pip would leave it: the module and its metadata on the
+    search path.
+    """
     monkeypatch.syspath_prepend(str(tmp_path))
 
-    def put(module: str, source: str, *, plugin: str = "", problem: str = "", target: str = "") -> None:
+    def put(
+        module: str, source: str, *, plugin: str = "", problem: str = "", target: str = ""
+    ) -> None:
         (tmp_path / f"{module}.py").write_text(source)
         folder = tmp_path / f"{module}-1.0.dist-info"
         folder.mkdir()
         (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
         lines = [f"[socp.plugins]\n{plugin} = {module}\n"] if plugin else []
-        lines += [f"[socp.problems]\n{problem} = {target or f'{module}:problem'}\n"] if problem else []
+        lines += (
+            [f"[socp.problems]\n{problem} = {target or f'{module}:problem'}\n"] if problem else []
+        )
         (folder / "entry_points.txt").write_text("".join(lines))
 
     return put

@@ -29,12 +29,12 @@ from socp.registry import PluginError
 
 EPILOG = """\b
 Exit codes:
-  0    an answer: certified, or a feasible point that meets the solver's tolerances; check: certified
-  1    ran, but no answer: infeasible, at a limit or failed (the result is written); check: not certified
+  0    an answer: certified, or a feasible point at the solver's tolerances; check: certified
+  1    no answer: infeasible, at a limit or failed (the result is written); check: not certified
   2    usage: an unknown command, method or option, or a value not allowed
   3    the problem, or the plugin of the method, could not be loaded, or the plugin failed
   4    internal error
-  5    the disk or the memory gave out; the message says what is kept, and where
+  5    the disk, the memory or standard output gave out; the message says what is kept
   130  interrupted by Ctrl-C; a solve that had begun writes its last iterate
   143  the same after SIGTERM, 129 after SIGHUP
 
@@ -48,13 +48,24 @@ Examples:
 """
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]}, epilog=EPILOG, invoke_without_command=True)
+@click.group(
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog=EPILOG,
+    invoke_without_command=True,
+)
 @click.version_option(package_name="socp", prog_name="socp", message="%(prog)s %(version)s")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
-@click.option("--no-plugin", "without", multiple=True, metavar="NAME", help="Leave a plugin out; may be repeated.")
+@click.option(
+    "--no-plugin",
+    "without",
+    multiple=True,
+    metavar="NAME",
+    help="Leave a plugin out; may be repeated.",
+)
 @click.pass_context
 def socp(context: click.Context, debug: bool, without: tuple[str, ...]) -> int:
-    """Singular optimal control problems: arcs, switching times and a verdict from one file and one command.
+    """Singular optimal control problems: arcs, switching times and a verdict from one file and one
+    command.
 
     The environment variable SOCP_PLUGINS, a comma list, names the only plugins to load.
     """
@@ -103,12 +114,18 @@ def _ran(session: Session, given: Sequence[str]) -> int:
     except (KeyboardInterrupt, click.exceptions.Abort):
         return _interrupted(session)
     except SystemExit as error:
-        _say(f"internal error: a plugin, or a package that it uses, called exit({error})", session, error)
+        _say(
+            f"internal error: a plugin, or a package that it uses, called exit({error})",
+            session,
+            error,
+        )
         return Exit.INTERNAL
     except (click.ClickException, SocpError) as error:
         return _expected(error, session)
     except BaseException as error:  # noqa: BLE001 - a bug is one line and a hint, not a traceback
-        if heard():  # what Ctrl-C breaks off while a package is imported fails in some other way later
+        if (
+            heard()
+        ):  # what Ctrl-C breaks off while a package is imported fails in some other way later
             return _interrupted(session)
         return _internal(error, session, given)
     return code if isinstance(code, int) else Exit.SOLVED
@@ -121,13 +138,19 @@ def _interrupted(session: Session) -> int:
 
 
 def _delivered(streams: Streams, session: Session, code: int) -> int:
-    """Write the report and return the exit code; what was written to files is named where the report is lost."""
+    """Write the report and return the exit code; what was written to files is named where the
+    report is lost.
+    """
     try:
         streams.deliver()
     except BrokenPipeError:
         return Exit.CLOSED
     except OSError as error:
-        _say(f"the report cannot be written to standard output: {error.strerror or error}", session, error)
+        _say(
+            f"the report cannot be written to standard output: {error.strerror or error}",
+            session,
+            error,
+        )
         for path in session.written:
             messages().print(Text(f"written: {path}"), soft_wrap=True)
         return Exit.LACKING if code in {Exit.SOLVED, Exit.UNSOLVED} else code

@@ -1,4 +1,6 @@
-"""Consoles that show text as it is: no markup, no control characters but their own, and room to write in."""
+"""Consoles that show text as it is: no markup, no control characters but their own, and room to
+write in.
+"""
 
 import io
 import os
@@ -10,11 +12,15 @@ from rich.segment import Segment
 
 from socp.process import printable
 
-_NARROW = 20  # columns: tables with fewer are unreadable, and such a width is a mistake or no terminal's
+_NARROW = (
+    20  # columns: tables with fewer are unreadable, and such a width is a mistake or no terminal's
+)
 
 
 def console(file: TextIO | None, piped: int | None = None) -> Console:
-    """Return a console on a file, nowhere for None; `piped` is its width where it is no terminal."""
+    """Return a console on a file, nowhere for None; `piped` is its width where it is no
+    terminal.
+    """
     made = _console(file)
     if not made.is_terminal and piped is not None:
         return _console(file, piped)
@@ -23,16 +29,23 @@ def console(file: TextIO | None, piped: int | None = None) -> Console:
 
 def _console(file: TextIO | None, width: int | None = None) -> Console:
     made = Console(
-        file=file or io.StringIO(), width=width, highlight=False, markup=False, emoji=False, _environ=_environment()
-    )  # fmt: skip
+        file=file or io.StringIO(),
+        width=width,
+        highlight=False,
+        markup=False,
+        emoji=False,
+        _environ=_environment(),
+    )
     made.push_render_hook(Escaping())
     return made
 
 
 def _width(file: TextIO | None) -> int | None:
-    """Return the width of the terminal that a file is, None where COLUMNS says it or nothing is known.
+    """Return the width of the terminal that a file is, None where COLUMNS says it or nothing is
+    known.
 
-    Rich asks the standard descriptors, of which the second is not the file's own while a command runs.
+    Rich asks the standard descriptors, of which the second is not the file's own while a command
+    runs.
     """
     if file is None or "COLUMNS" in _environment():
         return None
@@ -47,14 +60,18 @@ def _environment() -> Mapping[str, str]:
     sizes = {"COLUMNS": _NARROW, "LINES": 1}
 
     def fits(name: str, value: str) -> bool:
-        return name not in sizes or (value.isascii() and value.isdigit() and sizes[name] <= int(value) < 10_000)
+        return name not in sizes or (
+            value.isascii() and value.isdigit() and sizes[name] <= int(value) < 10_000
+        )
 
     return {name: value for name, value in os.environ.items() if fits(name, value)}
 
 
 @final
 class Shadow(io.StringIO):
-    """Takes what is rendered for a stream, in its place: as wide, as coloured, in the same encoding."""
+    """Takes what is rendered for a stream, in its place: as wide, as coloured, in the same
+    encoding.
+    """
 
     def __init__(self, stream: TextIO | None) -> None:
         super().__init__()
@@ -79,7 +96,9 @@ class Shadow(io.StringIO):
 
 @final
 class Escaping(RenderHook):
-    """What a console does with all that it is to show: control characters in its text become escapes."""
+    """What a console does with all that it is to show: control characters in its text become
+    escapes.
+    """
 
     def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
         """Return what is shown in place of some renderables."""

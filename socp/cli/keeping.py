@@ -1,4 +1,6 @@
-"""What becomes of results: a better one is never replaced by a worse one, and a disk that fails loses none."""
+"""What becomes of results: a better one is never replaced by a worse one, and a disk that fails
+loses none.
+"""
 
 import os
 import tempfile
@@ -15,13 +17,17 @@ if TYPE_CHECKING:
     from socp.model import Problem, Solution
 
 ENDING = ".socp.json"
-_ALIKE = 1e-9  # relative: objectives of certified results closer than this are equally good, and the newer one stays
+# Relative: objectives of certified results closer than this are equally good, and the newer one
+# stays
+_ALIKE = 1e-9
 
 
 @final
 @dataclass(frozen=True)
 class Place:
-    """Where a result was written; `said` is what the user has to know where that is not where it was to be."""
+    """Where a result was written; `said` is what the user has to know where that is not where it
+    was to be.
+    """
 
     path: Path
     said: str = ""
@@ -34,10 +40,11 @@ class Place:
 
 
 def keep(problem: "Problem", solution: "Solution", path: Path) -> Place:
-    """Write a result, whole: beside the path where a better one is there, elsewhere where the path cannot be written.
+    """Write a result, whole: beside the path where a better one is there, elsewhere where the path
+    cannot be written.
 
-    Better is what the judge certifies now, for this problem, where the new one is not certified or has a higher
-    objective. Raises KeepingError where it can be written nowhere.
+    Better is what the judge certifies now, for this problem, where the new one is not certified or
+    has a higher objective. Raises KeepingError where it can be written nowhere.
     """
     with held():
         taken = path.is_file() and _better(problem, path, solution)
@@ -49,7 +56,10 @@ def keep(problem: "Problem", solution: "Solution", path: Path) -> Place:
         except (SocpError, OSError) as error:
             return _elsewhere(solution, place, str(error))
     if taken:
-        return Place(place, f"{path} holds a better certified result and stays as it is; this one is in {place}")
+        return Place(
+            place,
+            f"{path} holds a better certified result and stays as it is; this one is in {place}",
+        )
     return Place(place)
 
 
@@ -66,7 +76,9 @@ def _kind(solution: "Solution") -> str:
 
 
 def _better(problem: "Problem", path: Path, new: "Solution") -> bool:
-    """Tell whether a file holds a certified result of this problem that is better; what it says is judged anew."""
+    """Tell whether a file holds a certified result of this problem that is better; what it says is
+    judged anew.
+    """
     from socp.methods import checked
     from socp.model import Solution
     from socp.verdict import judge
@@ -75,10 +87,19 @@ def _better(problem: "Problem", path: Path, new: "Solution") -> bool:
         old = Solution.load(path)
         if not old.extremal or old.problem != problem.name:
             return False
-        if new.extremal and new.objective <= old.objective + _ALIKE * max(abs(old.objective), abs(new.objective)):
+        if new.extremal and new.objective <= old.objective + _ALIKE * max(
+            abs(old.objective), abs(new.objective)
+        ):
             return False
         return bool(judge(problem, checked(old.method, problem, old)).extremal)
-    except (SocpError, ArithmeticError, ValueError, KeyError, TypeError, IndexError):  # no result of this problem
+    except (
+        SocpError,
+        ArithmeticError,
+        ValueError,
+        KeyError,
+        TypeError,
+        IndexError,
+    ):  # no result of this problem
         return False
 
 
@@ -90,13 +111,19 @@ def _elsewhere(solution: "Solution", path: Path, error: str) -> Place:
         except (SocpError, OSError):
             continue
         return Place(place, f"{error}; the result is in {place}", failed=True)
-    raise KeepingError(f"{error}; nor can it be written anywhere else, and is lost: make room, and solve again")
+    raise KeepingError(
+        f"{error}; nor can it be written anywhere else, and is lost: make room, and solve again"
+    )
 
 
 def _refuges(path: Path) -> Iterator[Path]:
-    """Yield paths of which one may be written: beside, in the folder for temporary files, at home."""
+    """Yield paths of which one may be written: beside, in the folder for temporary files, at
+    home.
+    """
     name = f"{_stem(path)}.rescued-{os.getpid()}{ENDING}"
     yield path.with_name(name)
     for folder in (tempfile.gettempdir, Path.home):
-        with suppress(OSError, RuntimeError):  # no folder for temporary files can be written, or there is no home
+        with suppress(
+            OSError, RuntimeError
+        ):  # no folder for temporary files can be written, or there is no home
             yield Path(folder()) / name

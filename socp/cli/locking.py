@@ -1,4 +1,6 @@
-"""One writer a file: whoever writes a file for a while holds it, so that a second one is told and destroys nothing."""
+"""One writer a file: whoever writes a file for a while holds it, so that a second one is told and
+destroys nothing.
+"""
 
 import errno
 import os
@@ -13,10 +15,11 @@ _HELD = (errno.EWOULDBLOCK, errno.EACCES)  # what a lock that somebody else has 
 
 @contextmanager
 def alone(path: Path | None) -> Iterator[None]:
-    """Hold a file that is written in the body; MethodError where another process, or another command here, has it.
+    """Hold a file that is written in the body; MethodError where another process, or another
+    command here, has it.
 
-    A file made by this is removed again where nothing was written to it. Where a file system knows no locks, the body
-    goes on without one.
+    A file made by this is removed again where nothing was written to it. Where a file system knows
+    no locks, the body goes on without one.
     """
     if path is None:
         yield
@@ -46,4 +49,6 @@ def _lock(handle: int, path: Path) -> None:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         if error.errno in _HELD:
-            raise MethodError(f"{path}: another command is recording into this file; name another one") from error
+            raise MethodError(
+                f"{path}: another command is recording into this file; name another one"
+            ) from error

@@ -1,8 +1,12 @@
-"""What the machine may lack, a disk or memory: found out before where that is possible, told as what it is else."""
+"""What the machine may lack, a disk or memory: found out before where that is possible, told as
+what it is else.
+"""
 
 from socp.errors import KeepingError
 
-_LEAST = 512 * 2**20  # bytes of addresses: with less, the linear algebra of the solvers waits for memory for ever
+_LEAST = (
+    512 * 2**20
+)  # bytes of addresses: with less, the linear algebra of the solvers waits for memory for ever
 _UNLIMITED = -1
 
 
@@ -15,8 +19,9 @@ def roomy() -> None:
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit != _UNLIMITED and limit < _LEAST:
         raise KeepingError(
-            f"memory: the address space is limited to {limit // 2**20} MiB, and the solvers need {_LEAST // 2**20} MiB "
-            f"at least; raise the limit: ulimit -v {_LEAST // 2**10}, or more"
+            f"memory: the address space is limited to {limit // 2**20} MiB, and the solvers need "
+            f"{_LEAST // 2**20} MiB at least; raise the limit: ulimit -v {_LEAST // 2**10}, or "
+            "more"
         )
 
 

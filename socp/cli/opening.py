@@ -1,4 +1,6 @@
-"""Saved results with their problems: the one that a result carries as data, unless the user names another."""
+"""Saved results with their problems: the one that a result carries as data, unless the user names
+another.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -16,11 +18,13 @@ _TOLD = 6  # places told in which two problems differ; more are another problem 
 def open_result(
     session: Session, path: str, given: str | None, registry: "Registry | None" = None
 ) -> "tuple[Solution, Problem | None]":
-    """Return a saved result and its problem: the given one, or that which it carries, or a registered one of its name.
+    """Return a saved result and its problem: the given one, or that which it carries, or a
+    registered one of its name.
 
-    What a result says of itself opens no file and runs no code: the name in it is looked up among registered problems
-    alone. Where two of these problems differ, a warning says where. The problem is None where there is none of them.
-    SolveError says what is wrong with the file, or that it is not a result of its problem.
+    What a result says of itself opens no file and runs no code: the name in it is looked up among
+    registered problems alone. Where two of these problems differ, a warning says where. The problem
+    is None where there is none of them. SolveError says what is wrong with the file, or that it is
+    not a result of its problem.
     """
     from socp.model import Problem, Solution, shown
 
@@ -34,7 +38,9 @@ def open_result(
     if given is not None:
         problem = load_problem(given, registry)
         if own is not None:
-            _compare(session, own, problem, f"problem '{given}' is used; that of the result differs")
+            _compare(
+                session, own, problem, f"problem '{given}' is used; that of the result differs"
+            )
         return _agreeing(path, fitting(path, solution, problem), problem), problem
     registered = _registered(solution.problem, registry)
     if own is not None:
@@ -48,7 +54,9 @@ def open_result(
         fitting(path, solution, registered)
     except SolveError:  # another problem of the same name
         return solution, None
-    session.warn(f"{path} carries no statement of its problem: the registered '{solution.problem}' is used")
+    session.warn(
+        f"{path} carries no statement of its problem: the registered '{solution.problem}' is used"
+    )
     return _agreeing(path, solution, registered), registered
 
 
@@ -69,7 +77,9 @@ def _registered(name: str, registry: "Registry") -> "Problem | None":
 
 
 def _agreeing(path: str, solution: "Solution", problem: "Problem") -> "Solution":
-    """Return a saved result as it is; SolveError where its arcs follow constraints that the problem does not have."""
+    """Return a saved result as it is; SolveError where its arcs follow constraints that the problem
+    does not have.
+    """
     from socp.model import follow
 
     try:

@@ -14,7 +14,16 @@ if TYPE_CHECKING:
 
 DEFAULT_METHOD = "auto"
 
-_TRUTH = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}
+_TRUTH = {
+    "true": True,
+    "yes": True,
+    "on": True,
+    "1": True,
+    "false": False,
+    "no": False,
+    "off": False,
+    "0": False,
+}
 
 
 def pairs(given: Iterable[str]) -> list[tuple[str, str]]:
@@ -29,7 +38,9 @@ def pairs(given: Iterable[str]) -> list[tuple[str, str]]:
 
 
 def build(method: "type[Method]", given: Iterable[tuple[str, str]]) -> "Method":
-    """Return a method with options set from their texts; MethodError names the unknown, missing or mistyped."""
+    """Return a method with options set from their texts; MethodError names the unknown, missing or
+    mistyped.
+    """
     from socp.methods import check_options, options, required
 
     fields = {each.name: each for each in options(method)}
@@ -41,7 +52,9 @@ def build(method: "type[Method]", given: Iterable[tuple[str, str]]) -> "Method":
             name = _backend(method, fields, holder)
             values[name] = _with_option(values.get(name, _default(fields[name])), inner, text)
         elif key not in fields:
-            raise MethodError(f"{method.name} has no option '{key}'{suggest(key, _settable(fields))}")
+            raise MethodError(
+                f"{method.name} has no option '{key}'{suggest(key, _settable(fields))}"
+            )
         else:
             values[key] = _convert(f"{method.name}: {key}", hints[key], text)
     missing = [name for name, each in fields.items() if required(each) and name not in values]
@@ -52,8 +65,12 @@ def build(method: "type[Method]", given: Iterable[tuple[str, str]]) -> "Method":
     return built
 
 
-def shared(methods: "Sequence[type[Method]]", given: Sequence[str]) -> "dict[str, list[tuple[str, str]]]":
-    """Sort the options of several methods: METHOD.KEY=VALUE is for one, KEY=VALUE for each that has the option."""
+def shared(
+    methods: "Sequence[type[Method]]", given: Sequence[str]
+) -> "dict[str, list[tuple[str, str]]]":
+    """Sort the options of several methods: METHOD.KEY=VALUE is for one, KEY=VALUE for each that has
+    the option.
+    """
     found: dict[str, list[tuple[str, str]]] = {method.name: [] for method in methods}
     for key, text in pairs(given):
         head, dot, rest = key.partition(".")
@@ -70,11 +87,15 @@ def shared(methods: "Sequence[type[Method]]", given: Sequence[str]) -> "dict[str
 
 
 def accepted(method: "type[Method]") -> set[str]:
-    """Return the keys that a method takes: its options, and the names before the dot of its backends' options."""
+    """Return the keys that a method takes: its options, and the names before the dot of its
+    backends' options.
+    """
     from socp.methods import options
 
     fields = options(method)
-    return {each.name for each in fields} | {backend_name(each) for each in fields if has_options(each)}
+    return {each.name for each in fields} | {
+        backend_name(each) for each in fields if has_options(each)
+    }
 
 
 def has_options(each: "Field[Any]") -> bool:
@@ -94,7 +115,9 @@ def _default(each: "Field[Any]") -> Any:
 
 
 def _settable(fields: "dict[str, Field[Any]]") -> list[str]:
-    return [f"{backend_name(each)}.*" if has_options(each) else name for name, each in fields.items()]
+    return [
+        f"{backend_name(each)}.*" if has_options(each) else name for name, each in fields.items()
+    ]
 
 
 def _backend(method: "type[Method]", fields: "dict[str, Field[Any]]", holder: str) -> str:
@@ -129,7 +152,9 @@ def _convert(place: str, hint: Any, text: str) -> Any:
     if kind is str:
         return text
     if kind not in WANTED:
-        raise MethodError(f"{place}: cannot be set as a whole; set its own options, such as -o ipopt.tol=1e-10")
+        raise MethodError(
+            f"{place}: cannot be set as a whole; set its own options, such as -o ipopt.tol=1e-10"
+        )
     try:
         if kind is int and "." not in text and "e" in text.lower() and float(text).is_integer():
             return int(float(text))  # 1e4 steps

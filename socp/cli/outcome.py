@@ -1,4 +1,6 @@
-"""What a solve came to: an answer or none, and which; the exit code of `socp solve` follows from it."""
+"""What a solve came to: an answer or none, and which; the exit code of `socp solve` follows from
+it.
+"""
 
 from enum import Enum
 from typing import TYPE_CHECKING
@@ -18,7 +20,9 @@ class Outcome(Enum):
     FEASIBLE = "an answer: a feasible point, not certified as an extremal"
     LIMIT = "no answer: the solver reached its limit of iterations or time"
     INFEASIBLE = "no answer: the solver found no point that satisfies the problem's conditions"
-    MISSED = "no answer: re-integrated, the control misses the problem's conditions; try a finer grid"
+    MISSED = (
+        "no answer: re-integrated, the control misses the problem's conditions; try a finer grid"
+    )
     FAILED = "no answer: the solver failed"
     INTERRUPTED = "no answer: interrupted"
 
@@ -36,7 +40,9 @@ class Outcome(Enum):
 
 
 def outcome(solution: "Solution") -> Outcome:
-    """Return what a solve came to, by the judge's re-integration first and the solver's own word second."""
+    """Return what a solve came to, by the judge's re-integration first and the solver's own word
+    second.
+    """
     verdict, stop = solution.verdict, solution.stop
     if verdict is None or stop.name == "INTERRUPTED":
         return Outcome.INTERRUPTED
@@ -52,7 +58,9 @@ def outcome(solution: "Solution") -> Outcome:
 
 
 def infeasible(solution: "Solution") -> bool:
-    """Tell whether a solution was judged and does not satisfy its conditions: its objective and word mean nothing."""
+    """Tell whether a solution was judged and does not satisfy its conditions: its objective and
+    word mean nothing.
+    """
     return solution.verdict is not None and not solution.verdict.feasible
 
 
@@ -72,12 +80,16 @@ def initial_time(solution: "Solution") -> float:
 
 
 def final_time(problem: "Problem", solution: "Solution") -> str:
-    """Return the final time for a report; one that is fixed is that of the problem, whatever was reached."""
+    """Return the final time for a report; one that is fixed is that of the problem, whatever was
+    reached.
+    """
     low, high = problem.final_time_box
     reached = solution.final_time
     if not infeasible(solution):
         return f"{reached:.12g}"
     if low == high:
-        short = abs(reached - low) > 1e-9 * max(abs(low), 1.0)  # as printed, with some digits to spare
+        short = abs(reached - low) > 1e-9 * max(
+            abs(low), 1.0
+        )  # as printed, with some digits to spare
         return f"{low:.12g}" + (f" (not reached: the point ends at {reached:.6g})" if short else "")
     return f"none: the point is infeasible (its value {reached:.12g})"

@@ -32,12 +32,18 @@ def progress(console: Console, label: str, *, quiet: bool) -> "Iterator[Watch]":
     if quiet:
         yield silent
     elif console.is_terminal:
-        first = Escaped(Text(f"{label}: building"))  # what is live comes after a console's own hooks
+        first = Escaped(
+            Text(f"{label}: building")
+        )  # what is live comes after a console's own hooks
         with Live(first, console=console, transient=True, auto_refresh=False) as live:
             live.refresh()
-            yield Display(label, lambda view: live.update(Escaped(view.table()), refresh=True), _LIVE)
+            yield Display(
+                label, lambda view: live.update(Escaped(view.table()), refresh=True), _LIVE
+            )
     else:
-        display = Display(label, lambda view: console.print(view.line(), soft_wrap=True), _OCCASIONAL)
+        display = Display(
+            label, lambda view: console.print(view.line(), soft_wrap=True), _OCCASIONAL
+        )
         display.due += _OCCASIONAL  # what is over soon needs no line
         yield display
 
@@ -45,9 +51,11 @@ def progress(console: Console, label: str, *, quiet: bool) -> "Iterator[Watch]":
 @final
 @dataclass(eq=False)
 class Display:
-    """A watch that keeps what it is told, and shows it at most once in so many seconds; other calls cost little.
+    """A watch that keeps what it is told, and shows it at most once in so many seconds; other calls
+    cost little.
 
-    `solves` counts the programmes begun, each by its iteration 0; what a later call does not tell stays as it was told.
+    `solves` counts the programmes begun, each by its iteration 0; what a later call does not tell
+    stays as it was told.
     """
 
     label: str
@@ -100,7 +108,9 @@ class Display:
     def line(self) -> Text:
         """Return all of it on one line."""
         stage = f"{self.stage()}: " if self.stage() else ""
-        return Text(f"{self.label}: {stage}" + "  ".join(f"{name} {value}" for name, value in self.facts()))
+        return Text(
+            f"{self.label}: {stage}" + "  ".join(f"{name} {value}" for name, value in self.facts())
+        )
 
     def table(self) -> RenderableType:
         """Return all of it as a small table, one fact a row."""
@@ -109,7 +119,11 @@ class Display:
         grid.add_column(overflow="ellipsis", no_wrap=True)
         grid.add_row(Text(f"{self.label}:"), Text(self.stage(), "cyan"))
         known = dict(self.facts())
-        paired = {"iteration": ("objective", "infeasibility"), "best": ("violation",), "solves": ("elapsed",)}
+        paired = {
+            "iteration": ("objective", "infeasibility"),
+            "best": ("violation",),
+            "solves": ("elapsed",),
+        }
         for name, value in known.items():
             beside = paired.get(name)
             if beside is not None:

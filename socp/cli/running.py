@@ -18,7 +18,9 @@ _OWN = "socp"  # the package whose plugins are socp's own: what fails there is a
 
 
 def made(registry: Registry, name: str, given: Iterable[tuple[str, str]]) -> "Method":
-    """Return a method of a name with its options; ContractError names the plugin whose method cannot be made."""
+    """Return a method of a name with its options; ContractError names the plugin whose method
+    cannot be made.
+    """
     method = registry.method(name)
     try:
         return build(method, given)
@@ -28,8 +30,12 @@ def made(registry: Registry, name: str, given: Iterable[tuple[str, str]]) -> "Me
         raise _blamed(registry, name, error) from error
 
 
-def solved(registry: Registry, method: "Method", problem: "Problem", guess: "Solution", watch: "Watch") -> "Solution":
-    """Run a method as `socp.methods.chain.run` does; what it must not do becomes a ContractError that names its plugin."""
+def solved(
+    registry: Registry, method: "Method", problem: "Problem", guess: "Solution", watch: "Watch"
+) -> "Solution":
+    """Run a method as `socp.methods.chain.run` does; what it must not do becomes a ContractError
+    that names its plugin.
+    """
     from socp.methods import run
 
     stranger = _stranger(registry, method.name)
@@ -57,7 +63,9 @@ def _stranger(registry: Registry, method: str) -> Plugin | None:
 
 
 def _blamed(registry: Registry, method: str, error: BaseException) -> Exception:
-    """Return an error that names the plugin of a method; what went wrong in one of socp's own stays as it is."""
+    """Return an error that names the plugin of a method; what went wrong in one of socp's own stays
+    as it is.
+    """
     owner = registry.owner(method)
     if owner is None:
         return civil(error)
@@ -75,11 +83,20 @@ def _strict(watch: "Watch") -> "Watch":
     def see(now: Any, /) -> bool:
         if not isinstance(now, Progress):
             raise ContractError(f"it told its watch of {now!r:.60}, where a Progress is needed")
-        for name, kind in {"stage": str, "word": str, "iteration": int, "objective": Real, "infeasibility": Real,
-                           "best": Real, "violation": Real}.items():  # fmt: skip
+        for name, kind in {
+            "stage": str,
+            "word": str,
+            "iteration": int,
+            "objective": Real,
+            "infeasibility": Real,
+            "best": Real,
+            "violation": Real,
+        }.items():
             value = getattr(now, name)
             if not isinstance(value, kind):
-                raise ContractError(f"it told its watch of a Progress whose {name} is {value!r:.60}")
+                raise ContractError(
+                    f"it told its watch of a Progress whose {name} is {value!r:.60}"
+                )
         return watch(now)
 
     return silent if watch is silent else see

@@ -1,4 +1,6 @@
-"""What the commands share: the two consoles, the options given before the command, and its exit codes."""
+"""What the commands share: the two consoles, the options given before the command, and its exit
+codes.
+"""
 
 import contextlib
 import json
@@ -50,7 +52,9 @@ class Session:
     written: list[Path] = field(default_factory=list)
 
     def registry(self, *, plugins: bool = True) -> Registry:
-        """Load the registry, with or without its plugins, and say on stderr what is wrong with it."""
+        """Load the registry, with or without its plugins, and say on stderr what is wrong with
+        it.
+        """
         registry = Registry.load(only=None if plugins else (), without=self.without)
         for line in registry.warnings:
             self.warn(line)
@@ -72,15 +76,19 @@ class Session:
             messages().print(Text(text), soft_wrap=True)
 
     def tell(self, path: Path) -> None:
-        """Write the path of a file that was written, as it is; on a terminal with its control characters escaped."""
+        """Write the path of a file that was written, as it is; on a terminal with its control
+        characters escaped.
+        """
         self.written.append(path)
         say(printable(path) if results().is_terminal else str(path))
 
 
 def writable(path: Path, option: str = "--out", *, replaced: bool = True) -> Path:
-    """Return a path that can be written; MethodError says before the solve, not after it, why one cannot.
+    """Return a path that can be written; MethodError says before the solve, not after it, why one
+    cannot.
 
-    `replaced`: the file is put in the place of one that is there, which must not happen to a device or a pipe.
+    `replaced`: the file is put in the place of one that is there, which must not happen to a device
+    or a pipe.
     """
     folder = path.parent
     try:
@@ -93,11 +101,16 @@ def writable(path: Path, option: str = "--out", *, replaced: bool = True) -> Pat
     if directory:
         raise MethodError(f"{option} {path}: is a directory; name a file in it")
     if replaced and there and not regular:
-        raise MethodError(f"{option} {path}: is no regular file, which alone can be replaced; name another")
+        raise MethodError(
+            f"{option} {path}: is no regular file, which alone can be replaced; name another"
+        )
     if not folder.is_dir():
         raise MethodError(f"{option} {path}: there is no directory {folder}")
     if not os.access(folder, os.W_OK):
-        raise MethodError(f"{option} {path}: directory {folder.resolve()} cannot be written; name a file elsewhere")
+        raise MethodError(
+            f"{option} {path}: directory {folder.resolve()} cannot be written; name a file "
+            "elsewhere"
+        )
     return path
 
 

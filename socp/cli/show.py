@@ -23,21 +23,33 @@ MANY = 8  # more switching times of one control than this are counted, not liste
 def facts(problem: "Problem", solution: "Solution") -> dict[str, Any]:
     """Return what a solution says, without the values at its nodes."""
     return {
-        "problem": problem.name, "title": problem.title, "method": solution.method, "options": solution.options,
-        "outcome": outcome.outcome(solution).name, "solved": outcome.outcome(solution).answer,
-        "stop": solution.stop.name, "message": solution.message,
-        "objective": None if outcome.infeasible(solution) else solution.objective, "value": solution.objective,
+        "problem": problem.name,
+        "title": problem.title,
+        "method": solution.method,
+        "options": solution.options,
+        "outcome": outcome.outcome(solution).name,
+        "solved": outcome.outcome(solution).answer,
+        "stop": solution.stop.name,
+        "message": solution.message,
+        "objective": None if outcome.infeasible(solution) else solution.objective,
+        "value": solution.objective,
         "objective_reached": solution.reached,
-        "initial_time": solution.initial_time, "final_time": solution.final_time,
-        "parameters": solution.parameters, "nodes": int(solution.t.size),
-        "word": None if outcome.infeasible(solution) else solution.word, "switches": solution.switches,
+        "initial_time": solution.initial_time,
+        "final_time": solution.final_time,
+        "parameters": solution.parameters,
+        "nodes": int(solution.t.size),
+        "word": None if outcome.infeasible(solution) else solution.word,
+        "switches": solution.switches,
         "structure": solution.structure,
         "total_variation": variations(solution),
-        "verified": [{**asdict(each), "worst": each.worst, "off": each.off} for each in solution.verified],
+        "verified": [
+            {**asdict(each), "worst": each.worst, "off": each.off} for each in solution.verified
+        ],
         "verdict": None if solution.verdict is None else plain(solution.verdict),
-        "iterations": solution.iterations, "seconds": solution.seconds,
+        "iterations": solution.iterations,
+        "seconds": solution.seconds,
         "reference": None if outcome.infeasible(solution) else to_reference(problem, solution),
-    }  # fmt: skip
+    }
 
 
 def variations(solution: "Solution") -> dict[str, float]:
@@ -58,7 +70,8 @@ def worst(solution: "Solution") -> float:
 def to_reference(problem: "Problem", solution: "Solution") -> dict[str, Any] | None:
     """Return the errors to the reference of a problem, None where it has none.
 
-    The error of the switching times is the largest, None where there are more or fewer than in the reference.
+    The error of the switching times is the largest, None where there are more or fewer than in the
+    reference.
     """
     reference = problem.reference
     if reference is None:
@@ -66,10 +79,13 @@ def to_reference(problem: "Problem", solution: "Solution") -> dict[str, Any] | N
     pairs = list(zip(reference.switches, solution.switches, strict=False))
     comparable = pairs and len(reference.switches) == len(solution.switches)
     return {
-        "objective": reference.objective, "error": solution.objective - reference.objective,
+        "objective": reference.objective,
+        "error": solution.objective - reference.objective,
         "switches": max(abs(a - b) for a, b in pairs) if comparable else None,
-        "word": same_word(problem, solution), "tolerance": reference.tolerance, "source": reference.source,
-    }  # fmt: skip
+        "word": same_word(problem, solution),
+        "tolerance": reference.tolerance,
+        "source": reference.source,
+    }
 
 
 def same_word(problem: "Problem", solution: "Solution") -> bool | None:
@@ -82,8 +98,13 @@ def same_word(problem: "Problem", solution: "Solution") -> bool | None:
         word = Word.parse(problem.reference.word, problem.control_names)
     except MethodError:
         return None
-    found = {name: " ".join(mode.partition("[")[0] for mode, _, _ in row) for name, row in solution.structure.items()}
-    return all(found.get(name) == re.sub(r"\[[^]]*\]", "", word.of(name)) for name in problem.control_names)
+    found = {
+        name: " ".join(mode.partition("[")[0] for mode, _, _ in row)
+        for name, row in solution.structure.items()
+    }
+    return all(
+        found.get(name) == re.sub(r"\[[^]]*\]", "", word.of(name)) for name in problem.control_names
+    )
 
 
 def report(problem: "Problem", solution: "Solution", path: str) -> Table:
@@ -103,8 +124,14 @@ def report(problem: "Problem", solution: "Solution", path: str) -> Table:
     if outcome.infeasible(solution):
         grid.add_row("word", "none: the point is infeasible")
     else:
-        _labelled(grid, "word", (f"{name}: {_modes(row)}" for name, row in solution.structure.items()))
-        _labelled(grid, "switches", (f"{name}: {times(each)}" for name, each in switching(solution).items()))
+        _labelled(
+            grid, "word", (f"{name}: {_modes(row)}" for name, row in solution.structure.items())
+        )
+        _labelled(
+            grid,
+            "switches",
+            (f"{name}: {times(each)}" for name, each in switching(solution).items()),
+        )
     _labelled(grid, "digits", agreed(solution))
     grid.add_row("stop", Text(f"{solution.stop.value}", "green" if solution.stop.ok else "red"))
     if solution.message:
@@ -121,9 +148,11 @@ def report(problem: "Problem", solution: "Solution", path: str) -> Table:
 
 
 def agreed(solution: "Solution") -> list[str]:
-    """Return the digits on which two computations of a solution agree, nothing where there was one alone.
+    """Return the digits on which two computations of a solution agree, nothing where there was one
+    alone.
 
-    No digit is counted, and no switching time said to be known, beyond what the errors of the verdict leave.
+    No digit is counted, and no switching time said to be known, beyond what the errors of the
+    verdict leave.
     """
     from socp.model import digits_of
 
@@ -131,8 +160,16 @@ def agreed(solution: "Solution") -> list[str]:
     if found is None:
         return []
     known = verdict is not None and verdict.extremal
-    left = digits_of(verdict.remaining_error, solution.objective, found.digits) if known and verdict else found.digits
-    errors = [found.switches, *(error for _, error in verdict.switch_errors if known)] if verdict else [found.switches]
+    left = (
+        digits_of(verdict.remaining_error, solution.objective, found.digits)
+        if known and verdict
+        else found.digits
+    )
+    errors = (
+        [found.switches, *(error for _, error in verdict.switch_errors if known)]
+        if verdict
+        else [found.switches]
+    )
     places = "" if not solution.switches else _places(errors)
     return [f"{left} of the objective: two computations differ by {small(found.objective)}{places}"]
 
@@ -140,19 +177,29 @@ def agreed(solution: "Solution") -> list[str]:
 def _places(errors: list[float]) -> str:
     """Return how well switching times are known, those apart that are not determined."""
     known = [error for error in errors if math.isfinite(error)]
-    text = f", switching times within {small(max(known))}" if len(known) > 1 or len(errors) == 1 else ""
+    text = (
+        f", switching times within {small(max(known))}"
+        if len(known) > 1 or len(errors) == 1
+        else ""
+    )
     count = len(errors) - len(known)
-    return text + (f", {count} of {len(errors) - 1} switching times not determined" if count else "")
+    return text + (
+        f", {count} of {len(errors) - 1} switching times not determined" if count else ""
+    )
 
 
 def sentence(found: "Feasibility") -> Text:
-    """Return what one re-integration found; every figure is relative to the problem's own magnitudes."""
+    """Return what one re-integration found; every figure is relative to the problem's own
+    magnitudes.
+    """
     how = "laws as feedback" if found.feedback else "control over time"
     if found.error:
         return Text.assemble(f"{how}: ", (found.error, "red"))
     parts = [f"end missed by {small(found.miss)}" + (f" at {found.miss_at}" if found.miss else "")]
     if found.path_at:
-        parts.append(f"path violated by {small(found.path)}" + (f" at {found.path_at}" if found.path else ""))
+        parts.append(
+            f"path violated by {small(found.path)}" + (f" at {found.path_at}" if found.path else "")
+        )
     if found.box:
         parts.append(f"box violated by {small(found.box)}")
     parts.append(f"states off by {small(found.drift)}")

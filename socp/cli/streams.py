@@ -1,4 +1,6 @@
-"""Standard output belongs to the report: whatever else is printed, by Python or past it, goes to standard error."""
+"""Standard output belongs to the report: whatever else is printed, by Python or past it, goes to
+standard error.
+"""
 
 import codecs
 import contextlib
@@ -23,7 +25,9 @@ _CURRENT: "list[Streams]" = []
 
 @final
 class Descriptor(io.RawIOBase):
-    """A descriptor that may fail: the first failure is kept, what comes after it is dropped. Closing leaves it open."""
+    """A descriptor that may fail: the first failure is kept, what comes after it is dropped.
+    Closing leaves it open.
+    """
 
     def __init__(self, number: int) -> None:
         super().__init__()
@@ -60,8 +64,8 @@ class Descriptor(io.RawIOBase):
 class Streams:
     """Where a run of the command line writes: `report` is None where standard output is closed.
 
-    `said` is the report so far; it is written at the end, all at once. `foreign` is what other code finds in
-    `sys.stdout`. `own` are the descriptors that were opened for these.
+    `said` is the report so far; it is written at the end, all at once. `foreign` is what other code
+    finds in `sys.stdout`. `own` are the descriptors that were opened for these.
     """
 
     report: TextIO | None
@@ -71,7 +75,9 @@ class Streams:
     own: list[int] = field(default_factory=list)
 
     def deliver(self) -> None:
-        """Write the report; OSError says why it cannot be written, BrokenPipeError that its reader has gone."""
+        """Write the report; OSError says why it cannot be written, BrokenPipeError that its reader
+        has gone.
+        """
         text = self.said.getvalue()
         self.said.seek(0)
         self.said.truncate()
@@ -105,9 +111,11 @@ def say(text: str) -> None:
 
 @contextlib.contextmanager
 def parted(*, for_good: bool = False) -> Iterator[Streams]:
-    """Keep standard output for the report: descriptor 1 and `sys.stdout` lead to standard error in the body.
+    """Keep standard output for the report: descriptor 1 and `sys.stdout` lead to standard error in
+    the body.
 
-    `for_good`: they stay so after it, for what libraries print when the process ends. Inside another body: the same.
+    `for_good`: they stay so after it, for what libraries print when the process ends. Inside
+    another body: the same.
     """
     if _CURRENT:
         yield _CURRENT[-1]
@@ -137,7 +145,9 @@ def parted(*, for_good: bool = False) -> Iterator[Streams]:
 
 @contextlib.contextmanager
 def parsing() -> Iterator[None]:
-    """Take what is printed to `sys.stdout` for the report: the help and the version, which click prints itself."""
+    """Take what is printed to `sys.stdout` for the report: the help and the version, which click
+    prints itself.
+    """
     streams = current()
     with contextlib.nullcontext() if streams is None else contextlib.redirect_stdout(streams.said):
         yield
@@ -152,7 +162,11 @@ def kept_apart(command: click.Command) -> click.Command:
     @wraps(callback)
     def call(*given: Any, **named: Any) -> Any:
         streams = current()
-        with contextlib.nullcontext() if streams is None else contextlib.redirect_stdout(streams.foreign):
+        with (
+            contextlib.nullcontext()
+            if streams is None
+            else contextlib.redirect_stdout(streams.foreign)
+        ):
             return callback(*given, **named)
 
     command.callback = call
@@ -160,19 +174,25 @@ def kept_apart(command: click.Command) -> click.Command:
 
 
 def _occupied() -> set[int]:
-    """Open the null device on standard descriptors that are closed, lest a file gets their number; returns which."""
+    """Open the null device on standard descriptors that are closed, lest a file gets their number;
+    returns which.
+    """
     closed = set()
     for number in (0, _OUT, _ERR):
         try:
             os.fstat(number)
         except OSError:
             closed.add(number)
-            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # it gets the lowest number that is free
+            os.set_inheritable(
+                os.open(os.devnull, os.O_RDWR), True
+            )  # it gets the lowest number that is free
     return closed
 
 
 def _opened(closed: set[int]) -> Streams:
-    """Return the streams by what `sys.stdout` and `sys.stderr` are: the descriptors, or objects that stand for them."""
+    """Return the streams by what `sys.stdout` and `sys.stderr` are: the descriptors, or objects
+    that stand for them.
+    """
     report: TextIO | None = sys.stdout
     own = []
     if report is None or _is_on(report, _OUT):
@@ -192,14 +212,18 @@ def _is_on(stream: TextIO, number: int) -> bool:
 
 
 def _text(number: int, like: TextIO | None) -> TextIO:
-    """Return a text stream on a descriptor, in the encoding of another; what that cannot write becomes an escape."""
+    """Return a text stream on a descriptor, in the encoding of another; what that cannot write
+    becomes an escape.
+    """
     encoding = getattr(like, "encoding", None) or "utf-8"
     buffer = io.BufferedWriter(Descriptor(number))
     return io.TextIOWrapper(buffer, encoding, _LOSSLESS, line_buffering=True)
 
 
 def _lossless(error: UnicodeError) -> tuple[str | bytes, int]:
-    """Write bytes of a path that are no text as they are, and signs that the encoding lacks as escapes."""
+    """Write bytes of a path that are no text as they are, and signs that the encoding lacks as
+    escapes.
+    """
     if not isinstance(error, UnicodeEncodeError):
         raise error
     sign = error.object[error.start]

@@ -1,4 +1,6 @@
-"""What Pontryagin's principle says on an arc: control laws, their orders, and which modes there are."""
+"""What Pontryagin's principle says on an arc: control laws, their orders, and which modes there
+are.
+"""
 
 import lazy_loader
 

@@ -1,4 +1,6 @@
-"""Common factors of casadi expressions, and determinants: the algebra that keeps derived laws short and regular."""
+"""Common factors of casadi expressions, and determinants: the algebra that keeps derived laws short
+and regular.
+"""
 
 import casadi
 
@@ -7,23 +9,35 @@ from socp.model import Expr, column
 _LARGEST = 3000  # nodes: beyond this the search for common factors costs more than it saves
 _ALIKE = 12  # depth to which two nodes are compared
 
-_POWERS = {casadi.OP_NEG: (-1, 1), casadi.OP_TWICE: (2, 1), casadi.OP_SQ: (1, 2), casadi.OP_INV: (1, -1)}
+_POWERS = {
+    casadi.OP_NEG: (-1, 1),
+    casadi.OP_TWICE: (2, 1),
+    casadi.OP_SQ: (1, 2),
+    casadi.OP_INV: (1, -1),
+}
 
 Powers = list[tuple[Expr, int]]  # factors with their integer powers
 
 
 def primitive(entries: Expr) -> tuple[Expr, Expr]:
-    """Split entries (1, n) or (n, 1) into (factor, rest), entries = factor * rest; factor 1 where there is none.
+    """Split entries (1, n) or (n, 1) into (factor, rest), entries = factor * rest; factor 1 where
+    there is none.
 
-    Factors are found in products, quotients and sums of them as they are written; nothing is multiplied out.
+    Factors are found in products, quotients and sums of them as they are written; nothing is
+    multiplied out.
     """
     filled = [k for k in range(entries.numel()) if not entries[k].is_zero()]
-    if not filled or casadi.Function("n", casadi.symvar(entries), [entries]).n_instructions() > _LARGEST:
+    if (
+        not filled
+        or casadi.Function("n", casadi.symvar(entries), [entries]).n_instructions() > _LARGEST
+    ):
         return casadi.SX(1), entries
     memo: dict[int, tuple[Expr, float, Powers]] = {}
     try:
         split = [_split(entries[k], memo) for k in filled]
-    except RecursionError:  # a product or sum of a thousand terms, nested: to find no factors loses none
+    except (
+        RecursionError
+    ):  # a product or sum of a thousand terms, nested: to find no factors loses none
         return casadi.SX(1), entries
     common = split[0][1]
     for _, powers in split[1:]:
@@ -35,7 +49,9 @@ def primitive(entries: Expr) -> tuple[Expr, Expr]:
 
 
 def determinant(matrix: Expr) -> Expr:
-    """Return the determinant of a small matrix (n, n) by minors along its emptiest row, zeros skipped."""
+    """Return the determinant of a small matrix (n, n) by minors along its emptiest row, zeros
+    skipped.
+    """
     n = matrix.shape[0]
     if n == 0:
         return casadi.SX(1)
@@ -45,12 +61,18 @@ def determinant(matrix: Expr) -> Expr:
     for j in range(n):
         if not matrix[row, j].is_zero():
             keep = [k for k in range(n) if k != j]
-            total += (-1) ** (row + j) * matrix[row, j] * determinant(matrix[[k for k in range(n) if k != row], keep])
+            total += (
+                (-1) ** (row + j)
+                * matrix[row, j]
+                * determinant(matrix[[k for k in range(n) if k != row], keep])
+            )
     return total
 
 
 def cramer(matrix: Expr, right: Expr) -> tuple[Expr, Expr]:
-    """Return (numerators (n, 1), determinant) of the solution of matrix (n, n) times unknowns = right (n, 1)."""
+    """Return (numerators (n, 1), determinant) of the solution of matrix (n, n) times unknowns =
+    right (n, 1).
+    """
     numerators = []
     for k in range(matrix.shape[0]):
         replaced = casadi.SX(matrix)
@@ -101,7 +123,9 @@ def _split_node(e: Expr, memo: dict[int, tuple[Expr, float, Powers]]) -> tuple[f
     return 1.0, [(e, 1)]
 
 
-def _split_sum(e: Expr, sign: int, memo: dict[int, tuple[Expr, float, Powers]]) -> tuple[float, Powers]:
+def _split_sum(
+    e: Expr, sign: int, memo: dict[int, tuple[Expr, float, Powers]]
+) -> tuple[float, Powers]:
     (a, left), (b, right) = _split(e.dep(0), memo), _split(e.dep(1), memo)
     common = _shared(left, right)
     if not common:
@@ -114,7 +138,11 @@ def _split_sum(e: Expr, sign: int, memo: dict[int, tuple[Expr, float, Powers]]) 
 
 def _unit_circle(e: Expr) -> bool:
     """Tell whether an expression is cos(a)^2 + sin(a)^2."""
-    if not e.n_dep() or e.op() != casadi.OP_ADD or any(e.dep(k).op() != casadi.OP_SQ for k in (0, 1)):
+    if (
+        not e.n_dep()
+        or e.op() != casadi.OP_ADD
+        or any(e.dep(k).op() != casadi.OP_SQ for k in (0, 1))
+    ):
         return False
     roots = [e.dep(k).dep(0) for k in (0, 1)]
     kinds = {root.op() for root in roots if root.n_dep()}
@@ -138,7 +166,9 @@ def _times(left: Powers, right: Powers) -> Powers:
 
 
 def _shared(left: Powers, right: Powers) -> Powers:
-    """Return the factors that both have, each with the smaller of its powers where they are of one sign."""
+    """Return the factors that both have, each with the smaller of its powers where they are of one
+    sign.
+    """
     found = []
     for factor, power in left:
         other = next((k for f, k in right if _alike(f, factor)), 0)

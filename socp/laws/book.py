@@ -1,4 +1,6 @@
-"""The laws of a problem for the reader: formulas, orders and the Legendre-Clebsch condition, or why there is no law."""
+"""The laws of a problem for the reader: formulas, orders and the Legendre-Clebsch condition, or why
+there is no law.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -24,10 +26,10 @@ _JOINT = 3  # controls at most of which every pair is described as singular toge
 class Law:
     """One derived law, or the reason why there is none.
 
-    `controls` are singular together, or the one that follows `constraint`; `expressions` are their laws in x, t, p, and
-    in the costate where `costate` is true; `order` of the singular arc or of the constraint; `legendre_clebsch` is the
-    expression that has to be >= 0 on an arc with one singular control; `remarks` say what sampling shows; `reason`
-    stands where there is no law.
+    `controls` are singular together, or the one that follows `constraint`; `expressions` are their
+    laws in x, t, p, and in the costate where `costate` is true; `order` of the singular arc or of
+    the constraint; `legendre_clebsch` is the expression that has to be >= 0 on an arc with one
+    singular control; `remarks` say what sampling shows; `reason` stands where there is no law.
     """
 
     controls: tuple[str, ...]
@@ -41,13 +43,17 @@ class Law:
 
 
 def describe_laws(problem: Problem) -> list[Law]:
-    """Return the derived laws: each control singular, the others constant; pairs of controls; every boundary arc."""
+    """Return the derived laws: each control singular, the others constant; pairs of controls; every
+    boundary arc.
+    """
     names = problem.control_names
     groups: list[tuple[str, ...]] = [(name,) for name in names]
     groups += list(combinations(names, 2)) if len(names) <= _JOINT else []
     found = [_singular(problem, group) for group in groups]
     for j, name in enumerate(names):
-        found += [_boundary(problem, name, constraint.name) for constraint in laws.acting(problem, j)]
+        found += [
+            _boundary(problem, name, constraint.name) for constraint in laws.acting(problem, j)
+        ]
     return found
 
 
@@ -59,7 +65,9 @@ def law_lines(problem: Problem, write: Callable[[Expr], str]) -> Iterator[tuple[
         if law.reason:
             yield label, f"{', '.join(law.controls)}{where}: none: {law.reason}"
             continue
-        formulas = ", ".join(f"{name} = {write(e)}" for name, e in zip(law.controls, law.expressions, strict=True))
+        formulas = ", ".join(
+            f"{name} = {write(e)}" for name, e in zip(law.controls, law.expressions, strict=True)
+        )
         kind = f"order {law.order}" + (", with the costate" if law.costate else "")
         yield label, f"{formulas}{where} ({kind})"
         if law.legendre_clebsch is not None:
@@ -76,19 +84,30 @@ def _singular(problem: Problem, group: tuple[str, ...]) -> Law:
     law = found.control if found.feedback is None else found.feedback
     single = len(group) == 1
     remarks = [
-        _remark(problem, found, at, "the other controls constant" if len(group) < len(problem.control_names) else "")
+        _remark(
+            problem,
+            found,
+            at,
+            "the other controls constant" if len(group) < len(problem.control_names) else "",
+        )
     ]
     remarks += list(_partly(problem, group[0])) if single else []
     return Law(
-        controls=group, expressions=tuple(simplified(problem, law[i], found.points) for i in at),
-        order=max(found.orders[name] for name in group), costate=found.feedback is None,
-        legendre_clebsch=simplified(problem, found.legendre_clebsch, found.points) if single else None,
+        controls=group,
+        expressions=tuple(simplified(problem, law[i], found.points) for i in at),
+        order=max(found.orders[name] for name in group),
+        costate=found.feedback is None,
+        legendre_clebsch=simplified(problem, found.legendre_clebsch, found.points)
+        if single
+        else None,
         remarks=tuple(remarks),
-    )  # fmt: skip
+    )
 
 
 def _partly(problem: Problem, name: str) -> Iterator[str]:
-    """Yield a remark for every state constraint that another control can follow while this one is singular."""
+    """Yield a remark for every state constraint that another control can follow while this one is
+    singular.
+    """
     i = problem.control_names.index(name)
     for j, other in enumerate(problem.control_names):
         for constraint in laws.acting(problem, j) if j != i else ():
@@ -108,7 +127,11 @@ def _boundary(problem: Problem, name: str, constraint: str) -> Law:
     law = simplified(problem, found.control[i], found.points)
     remarks = tuple(filter(None, [_outside(problem, found, [i], "")]))
     return Law(
-        controls=(name,), constraint=constraint, expressions=(law,), order=found.orders[constraint], remarks=remarks
+        controls=(name,),
+        constraint=constraint,
+        expressions=(law,),
+        order=found.orders[constraint],
+        remarks=remarks,
     )
 
 
@@ -119,7 +142,9 @@ def _reason(error: MethodError) -> str:
 
 
 def _remark(problem: Problem, found: Extremal, at: list[int], where: str) -> str:
-    """Return what sampling shows of the Legendre-Clebsch matrix where the law is within the bounds."""
+    """Return what sampling shows of the Legendre-Clebsch matrix where the law is within the
+    bounds.
+    """
     outside = _outside(problem, found, at, where)
     if outside:
         return outside
@@ -139,7 +164,9 @@ def _remark(problem: Problem, found: Extremal, at: list[int], where: str) -> str
 
 
 def _points(problem: Problem, found: Extremal) -> np.ndarray:
-    """Return points (nv, n) on the arc at which its law has a value, those of its derivation among them."""
+    """Return points (nv, n) on the arc at which its law has a value, those of its derivation among
+    them.
+    """
     at = sampled.onto(problem, found.equations, sampled.admissible(problem, _SAMPLES))
     if found.chain is None:
         return at
@@ -161,7 +188,9 @@ def _inside(problem: Problem, found: Extremal, at: list[int]) -> np.ndarray:
 
 
 def _outside(problem: Problem, found: Extremal, at: list[int], where: str) -> str:
-    """Return a warning where a law leaves the bounds at every sampled point, or no point was met, else nothing."""
+    """Return a warning where a law leaves the bounds at every sampled point, or no point was met,
+    else nothing.
+    """
     points = _points(problem, found)
     prefix = f"{where}: " if where else ""
     if not points.shape[1]:
@@ -169,4 +198,7 @@ def _outside(problem: Problem, found: Extremal, at: list[int], where: str) -> st
     if _inside(problem, found, at).shape[1]:
         return ""
     names = ", ".join(problem.control_names[i] for i in at)
-    return f"{prefix}the law lies outside the bounds of {names} at all {points.shape[1]} sampled points"
+    return (
+        f"{prefix}the law lies outside the bounds of {names} at all {points.shape[1]} sampled "
+        "points"
+    )

@@ -1,7 +1,9 @@
-"""Lie derivatives along an arc, written without the costate: every function of it is a row times z = (lambda, 1).
+"""Lie derivatives along an arc, written without the costate: every function of it is a row times z
+= (lambda, 1).
 
-The Hamiltonian is H = [f', L] z, a switching function sigma_i = [g_i', L_ui] z, and z' = M(x, t, p, u) z on every arc,
-the multipliers of active state constraints included. The time derivative of a row is a row again: r' = r M + dr/dt.
+The Hamiltonian is H = [f', L] z, a switching function sigma_i = [g_i', L_ui] z, and z' = M(x, t, p,
+u) z on every arc, the multipliers of active state constraints included. The time derivative of a
+row is a row again: r' = r M + dr/dt.
 """
 
 from dataclasses import dataclass
@@ -15,7 +17,9 @@ from socp.model import Expr, Problem, final_time, initial_time, time
 @final
 @dataclass(frozen=True, eq=False)
 class Flow:
-    """Motion on an arc: `rate` x' (nx, 1) and `matrix` M (nx + 1, nx + 1) of z' = M z, the arc's controls put in."""
+    """Motion on an arc: `rate` x' (nx, 1) and `matrix` M (nx + 1, nx + 1) of z' = M z, the arc's
+    controls put in.
+    """
 
     problem: Problem
     rate: Expr
@@ -23,7 +27,9 @@ class Flow:
 
     def of_state(self, expression: Expr) -> Expr:
         """Return d/dt of an expression (m, 1) of x, t, p."""
-        return casadi.jtimes(expression, self.problem.x, self.rate) + casadi.jacobian(expression, time)
+        return casadi.jtimes(expression, self.problem.x, self.rate) + casadi.jacobian(
+            expression, time
+        )
 
     def of_row(self, row: Expr) -> Expr:
         """Return the row (1, nx + 1) of d/dt (row z)."""
@@ -31,7 +37,9 @@ class Flow:
 
 
 def flow(problem: Problem, control: Expr) -> Flow:
-    """Return the flow under a control (nu, 1) in x, t, p, without multipliers: lambda' = -H_x at fixed u."""
+    """Return the flow under a control (nu, 1) in x, t, p, without multipliers: lambda' = -H_x at
+    fixed u.
+    """
     n = problem.x.numel()
     matrix = casadi.SX(n + 1, n + 1)
     matrix[:n, :n] = -casadi.jacobian(problem.rate, problem.x).T
@@ -53,7 +61,8 @@ def extended(problem: Problem) -> Expr:
 def switching_row(problem: Problem, i: int) -> Expr:
     """Return the row of sigma_i = dH/du_i."""
     return casadi.horzcat(
-        problem.fields[:, i].T, casadi.substitute(casadi.jacobian(problem.lagrangian, problem.u[i]), problem.u, 0)
+        problem.fields[:, i].T,
+        casadi.substitute(casadi.jacobian(problem.lagrangian, problem.u[i]), problem.u, 0),
     )
 
 
@@ -64,13 +73,16 @@ def hamiltonian_row(problem: Problem, control: Expr) -> Expr:
 
 
 def hamiltonian_value(problem: Problem) -> float | None:
-    """Return the value of H along every extremal where the problem tells it, None where it does not.
+    """Return the value of H along every extremal where the problem tells it, None where it does
+    not.
 
-    It does where nothing but the Mayer term depends on time and a time is free: H = -d(Mayer)/d(tf) = d(Mayer)/d(t0),
-    so -1 for minimum time and 0 where the free time does not enter. A finite interval of times may bind: it tells
-    nothing.
+    It does where nothing but the Mayer term depends on time and a time is free: H = -d(Mayer)/d(tf)
+    = d(Mayer)/d(t0), so -1 for minimum time and 0 where the free time does not enter. A finite
+    interval of times may bind: it tells nothing.
     """
-    along = casadi.vertcat(problem.rate, problem.lagrangian, *(c.expression for c in problem.constraints))
+    along = casadi.vertcat(
+        problem.rate, problem.lagrangian, *(c.expression for c in problem.constraints)
+    )
     if casadi.depends_on(along, time):
         return None
     last, first = problem.final_time_box, problem.initial_time_box
@@ -84,5 +96,7 @@ def hamiltonian_value(problem: Problem) -> float | None:
 def _slope(problem: Problem, symbol: Expr, sign: float) -> float | None:
     ends = casadi.vertcat(casadi.SX(0), *(c.expression for c in problem.conditions))
     slope = casadi.jacobian(problem.mayer, symbol)
-    known = casadi.sparsify(casadi.simplify(slope)).is_constant() and not casadi.depends_on(ends, symbol)
+    known = casadi.sparsify(casadi.simplify(slope)).is_constant() and not casadi.depends_on(
+        ends, symbol
+    )
     return sign * float(slope) if known else None

@@ -10,8 +10,12 @@ from socp.model import Constraint, Mode, Problem, Word, column
 
 
 def acting(problem: Problem, control: int) -> tuple[Constraint, ...]:
-    """Return the state constraints on which a control acts: those whose first controlled derivative holds it."""
-    known: dict[int, tuple[Constraint, ...]] = vars(problem).setdefault("_acting", {})  # as its own cached properties
+    """Return the state constraints on which a control acts: those whose first controlled derivative
+    holds it.
+    """
+    known: dict[int, tuple[Constraint, ...]] = vars(problem).setdefault(
+        "_acting", {}
+    )  # as its own cached properties
     if control not in known:
         known[control] = tuple(c for c in problem.constraints if _acts(problem, c, control))
     return known[control]
@@ -20,10 +24,14 @@ def acting(problem: Problem, control: int) -> tuple[Constraint, ...]:
 def resolved(problem: Problem, word: Word) -> Word:
     """Return the word with a state constraint named on every boundary arc.
 
-    Where several constraints act on the control, the neighbouring bang arcs tell: before contact the control drives c
-    up to zero, after it away from zero. Raises MethodError, listing the names, where they do not.
+    Where several constraints act on the control, the neighbouring bang arcs tell: before contact
+    the control drives c up to zero, after it away from zero. Raises MethodError, listing the names,
+    where they do not.
     """
-    arcs = [tuple(_named(problem, word, k, i) for i in range(len(arc))) for k, arc in enumerate(word.arcs)]
+    arcs = [
+        tuple(_named(problem, word, k, i) for i in range(len(arc)))
+        for k, arc in enumerate(word.arcs)
+    ]
     return Word(word.controls, tuple(arcs))
 
 
@@ -44,8 +52,8 @@ def followed(problem: Problem, i: int, mode: Mode) -> Constraint:
     if found is None:
         known = ", ".join(c.name for c in problem.constraints) or "none"
         raise MethodError(
-            f"problem '{problem.name}' has no state constraint '{mode.constraint}' for control '{name}' to follow; "
-            f"it has {known}"
+            f"problem '{problem.name}' has no state constraint '{mode.constraint}' for control "
+            f"'{name}' to follow; it has {known}"
         )
     return found
 
@@ -64,8 +72,12 @@ def _named(problem: Problem, word: Word, k: int, i: int) -> Mode:
     return Mode("boundary", followed(problem, i, mode).name)
 
 
-def _fits(problem: Problem, constraint: Constraint, i: int, around: tuple[str | None, str | None]) -> bool:
-    """Tell whether bang neighbours can enter and leave a constraint: c^(q) < 0 after it, (-1)^q c^(q) < 0 before."""
+def _fits(
+    problem: Problem, constraint: Constraint, i: int, around: tuple[str | None, str | None]
+) -> bool:
+    """Tell whether bang neighbours can enter and leave a constraint: c^(q) < 0 after it, (-1)^q
+    c^(q) < 0 before.
+    """
     held, top = tower(problem, constraint)
     at = sampled.touching(problem, column(held))
     slopes = sampled.evaluator(problem, casadi.jacobian(top, problem.u[i]))(at)[0].ravel()

@@ -9,22 +9,27 @@ from socp.model import Problem, column, final_time, initial_time, time
 
 
 def ends(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Return guessed states at both ends: the given value, that of the other end, or the nearest to zero in the box."""
+    """Return guessed states at both ends: the given value, that of the other end, or the nearest to
+    zero in the box.
+    """
     box = problem.state_box
     found = []
     for own, other in ((problem.start_box, problem.end_box), (problem.end_box, problem.start_box)):
         middle = np.where(
-            np.isfinite(other).all(axis=0), np.nan_to_num(other, posinf=0.0, neginf=0.0).mean(axis=0), 0.0
+            np.isfinite(other).all(axis=0),
+            np.nan_to_num(other, posinf=0.0, neginf=0.0).mean(axis=0),
+            0.0,
         )
         found.append(np.clip(np.clip(middle, *own), *box))
     return found[0], _reach(problem, *found)
 
 
 def travel_time(problem: Problem, x0: np.ndarray, xf: np.ndarray, t0: float) -> float:
-    """Estimate the time from x0 (nx,) to xf (nx,): |x'| T + |x''| T^2 / 2 = |xf - x0| for the slowest state.
+    """Estimate the time from x0 (nx,) to xf (nx,): |x'| T + |x''| T^2 / 2 = |xf - x0| for the
+    slowest state.
 
-    Rates and their derivatives are taken over samples of the line between the ends, of bounded states within their
-    bounds and of the box of controls. Returns 1 where nothing moves.
+    Rates and their derivatives are taken over samples of the line between the ends, of bounded
+    states within their bounds and of the box of controls. Returns 1 where nothing moves.
     """
     rate = problem.rate
     second = casadi.jtimes(rate, problem.x, rate) + casadi.jacobian(rate, time)
@@ -36,27 +41,41 @@ def travel_time(problem: Problem, x0: np.ndarray, xf: np.ndarray, t0: float) -> 
     bounded = np.isfinite(problem.state_box).all(axis=0)
     low, high = problem.state_box[:, bounded]
     x[bounded] = low[:, None] + (high - low)[:, None] * random.random((int(bounded.sum()), count))
-    u = problem.box[random.integers(0, 2, (problem.box.shape[1], count)), np.arange(problem.box.shape[1])[:, None]]
+    u = problem.box[
+        random.integers(0, 2, (problem.box.shape[1], count)),
+        np.arange(problem.box.shape[1])[:, None],
+    ]
     p = np.clip(np.zeros(problem.p.numel()), *problem.parameter_box)
     values = [function(x[:, k], u[:, k], t0, p) for k in range(count)]
-    first, curve = (np.nanmax(np.abs(np.hstack([v[i].full() for v in values])), axis=1) for i in (0, 1))
+    first, curve = (
+        np.nanmax(np.abs(np.hstack([v[i].full() for v in values])), axis=1) for i in (0, 1)
+    )
     distance = np.abs(xf - x0)
     with np.errstate(divide="ignore", invalid="ignore"):
         needed = 2.0 * distance / (first + np.sqrt(first**2 + 2.0 * curve * distance))
     needed = needed[np.isfinite(needed) & (needed > 0)]
-    # a state that these samples hardly move (one that a heading across the line would move) says nothing
+    # a state that these samples hardly move (one that a heading across the line would move) says
+    # nothing
     return float(needed[needed <= 1e3 * needed.min()].max()) if needed.size else 1.0
 
 
 def _reach(problem: Problem, x0: np.ndarray, xf: np.ndarray) -> np.ndarray:
-    """Move a guessed end state (nx,) within its box until it meets the target conditions, by Gauss-Newton."""
+    """Move a guessed end state (nx,) within its box until it meets the target conditions, by
+    Gauss-Newton.
+    """
     if not problem.conditions:
         return xf
-    values = column(c.expression if c.equation else casadi.fmax(c.expression, 0) for c in problem.conditions)
+    values = column(
+        c.expression if c.equation else casadi.fmax(c.expression, 0) for c in problem.conditions
+    )
     start = [problem.x0, problem.p, initial_time, final_time]
-    function = casadi.Function("target", [problem.x, *start], [values, casadi.jacobian(values, problem.x)])
+    function = casadi.Function(
+        "target", [problem.x, *start], [values, casadi.jacobian(values, problem.x)]
+    )
     movable = problem.end_box[0] < problem.end_box[1]
-    for _ in range(30):  # Newton from afar halves a quadratic's distance at every step: 30 cover nine digits
+    for _ in range(
+        30
+    ):  # Newton from afar halves a quadratic's distance at every step: 30 cover nine digits
         value, slope = (each.full() for each in function(xf, x0, 0.0, 0.0, 1.0))
         if not np.isfinite(value).all() or not np.isfinite(slope).all():
             break
@@ -66,17 +85,24 @@ def _reach(problem: Problem, x0: np.ndarray, xf: np.ndarray) -> np.ndarray:
 
 _STEPS = 16  # of the simulations that spread the points over what the controls can reach
 _DRAWS = 4  # constant controls in one simulation
-_ROUGH = 0.2  # of the way: where half the step changes a simulation by more, it is not resolved: stiff, or escaping
-_ESCAPED = 30.0  # times the size that ends, bounds and rates show: beyond it a state is not the problem's
+# Of the way: where half the step changes a simulation by more, it is not resolved: stiff, or
+# escaping
+_ROUGH = 0.2
+_ESCAPED = (
+    30.0  # times the size that ends, bounds and rates show: beyond it a state is not the problem's
+)
 _SHORTER = 0.25  # what the time of a simulation that is rough or escapes is multiplied with
 _TRIALS = 14  # times that a simulation is shortened: to some 1e-8 of the horizon
-_STRAY = 0.1  # of the typical way, by which points are moved off the motions: these may have an invariant
+# Of the typical way, by which points are moved off the motions: these may have an invariant
+_STRAY = 0.1
 
 Generator = np.random.Generator
 
 
 class _Runs(NamedTuple):
-    """Simulations to come: starts (nx, n), first time, parameters (np, n), bang controls of every quarter (nu, n)."""
+    """Simulations to come: starts (nx, n), first time, parameters (np, n), bang controls of every
+    quarter (nu, n).
+    """
 
     x0: np.ndarray
     t0: float
@@ -85,10 +111,11 @@ class _Runs(NamedTuple):
 
 
 def reached(problem: Problem, count: int) -> np.ndarray:
-    """Return points (nv, count): t, x, p, costate and controls, the states within their bounds and not on them.
+    """Return points (nv, count): t, x, p, costate and controls, the states within their bounds and
+    not on them.
 
-    A motion that leaves the sizes that the problem shows, by escaping in finite time or by a step too long for a stiff
-    one, is followed for a shorter time.
+    A motion that leaves the sizes that the problem shows, by escaping in finite time or by a step
+    too long for a stiff one, is followed for a shorter time.
     """
     random = np.random.default_rng(0)
     x0, p = _starts(problem, count, random), drawn(problem.parameter_box, count, random)
@@ -107,7 +134,8 @@ def reached(problem: Problem, count: int) -> np.ndarray:
 
 
 def horizon(problem: Problem) -> float:
-    """Return the fixed or guessed horizon, else an estimate of the time that the way takes, within its interval.
+    """Return the fixed or guessed horizon, else an estimate of the time that the way takes, within
+    its interval.
 
     The way is that to the ends; where these ask for none, that to the bounds of the states.
     """
@@ -126,10 +154,15 @@ def horizon(problem: Problem) -> float:
 
 
 def drawn(box: np.ndarray, count: int, random: Generator) -> np.ndarray:
-    """Draw values (n, count) from intervals (2, n); an open end is put one size of the other one away."""
+    """Draw values (n, count) from intervals (2, n); an open end is put one size of the other one
+    away.
+    """
     low, high = box
     reach = (
-        np.nan_to_num(np.where(np.isfinite(low), np.abs(low), 0.0) + np.where(np.isfinite(high), np.abs(high), 0.0))
+        np.nan_to_num(
+            np.where(np.isfinite(low), np.abs(low), 0.0)
+            + np.where(np.isfinite(high), np.abs(high), 0.0)
+        )
         + 1.0
     )
     first = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high, 0.0) - reach)
@@ -139,12 +172,21 @@ def drawn(box: np.ndarray, count: int, random: Generator) -> np.ndarray:
 
 
 def _lengths(low: float, high: float) -> tuple[float, float]:
-    """Return the interval of horizons; one that starts at nothing, or never ends, leaves the estimate as it is."""
-    return (max(low, 0.0) if np.isfinite(low) else 0.0, high if np.isfinite(high) and high > 0 else np.inf)
+    """Return the interval of horizons; one that starts at nothing, or never ends, leaves the
+    estimate as it is.
+    """
+    return (
+        max(low, 0.0) if np.isfinite(low) else 0.0,
+        high if np.isfinite(high) and high > 0 else np.inf,
+    )
 
 
-def _tame(problem: Problem, runs: _Runs, whole: float, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return states (nx, n) and times (n,) of motions that are resolved and do not escape: others are shortened."""
+def _tame(
+    problem: Problem, runs: _Runs, whole: float, lengths: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return states (nx, n) and times (n,) of motions that are resolved and do not escape: others
+    are shortened.
+    """
     known = _sizes(problem, runs, whole)
     x, followed, wild = runs.x0.copy(), np.zeros_like(lengths), np.ones(lengths.size, dtype=bool)
     for _ in range(_TRIALS):
@@ -154,7 +196,9 @@ def _tame(problem: Problem, runs: _Runs, whole: float, lengths: np.ndarray) -> t
             moved[~np.isfinite(moved)] = np.inf
             typical = np.median(moved, axis=1, keepdims=True)
             limit = _ESCAPED * np.where(known > 0, known, typical)
-            tame = (np.isfinite(fine) & (moved <= limit) & (gap <= _ROUGH * (moved + typical))).all(axis=0)
+            tame = (np.isfinite(fine) & (moved <= limit) & (gap <= _ROUGH * (moved + typical))).all(
+                axis=0
+            )
         taken = wild & tame
         x[:, taken], followed[taken] = fine[:, taken], lengths[taken]
         wild &= ~tame
@@ -165,19 +209,29 @@ def _tame(problem: Problem, runs: _Runs, whole: float, lengths: np.ndarray) -> t
 
 
 def _sizes(problem: Problem, runs: _Runs, whole: float) -> np.ndarray:
-    """Return how large every state (nx, 1) is by its ends and bounds, and by its rate at the start over the horizon."""
+    """Return how large every state (nx, 1) is by its ends and bounds, and by its rate at the start
+    over the horizon.
+    """
     named = np.vstack([problem.start_box, problem.end_box, problem.state_box])
     sizes = np.abs(np.where(np.isfinite(named), named, 0.0)).max(axis=0)
-    flow = casadi.Function("f", [problem.x, problem.u, time, problem.p], [problem.rate]).map(runs.x0.shape[1])
+    flow = casadi.Function("f", [problem.x, problem.u, time, problem.p], [problem.rate]).map(
+        runs.x0.shape[1]
+    )
     rate = np.abs(flow(runs.x0, runs.bangs[0], runs.t0, runs.p).full())
     rate = np.where(np.isfinite(rate), rate, 0.0).max(axis=1)
-    result: np.ndarray = np.maximum(sizes, np.maximum(rate * whole, np.abs(runs.x0).max(axis=1)))[:, None]
+    result: np.ndarray = np.maximum(sizes, np.maximum(rate * whole, np.abs(runs.x0).max(axis=1)))[
+        :, None
+    ]
     return result
 
 
 def _simulated(problem: Problem, runs: _Runs, lengths: np.ndarray, steps: int) -> np.ndarray:
-    """Integrate the bang controls for times `lengths` (n,) by Runge-Kutta, states (nx, n) kept within their bounds."""
-    flow = casadi.Function("f", [problem.x, problem.u, time, problem.p], [problem.rate]).map(lengths.size)
+    """Integrate the bang controls for times `lengths` (n,) by Runge-Kutta, states (nx, n) kept
+    within their bounds.
+    """
+    flow = casadi.Function("f", [problem.x, problem.u, time, problem.p], [problem.rate]).map(
+        lengths.size
+    )
     low, high = problem.state_box
     x, h = runs.x0, lengths / steps
     for k in range(steps):
@@ -206,7 +260,9 @@ def _starts(problem: Problem, count: int, random: Generator) -> np.ndarray:
     other = drawn(problem.end_box, count, random)
     open_ = ~np.isfinite(problem.start_box).all(axis=0)
     low, high = problem.state_box
-    starts: np.ndarray = np.clip(np.where(open_[:, None], other, known), low[:, None], high[:, None])
+    starts: np.ndarray = np.clip(
+        np.where(open_[:, None], other, known), low[:, None], high[:, None]
+    )
     return starts
 
 
@@ -217,11 +273,13 @@ def _bangs(problem: Problem, count: int, random: Generator) -> np.ndarray:
 
 
 def _cost(problem: Problem, x: np.ndarray, t: np.ndarray, p: np.ndarray) -> float:
-    """Return the typical running cost over points, 1 where there is none: costates are measured by it."""
+    """Return the typical running cost over points, 1 where there is none: costates are measured by
+    it.
+    """
     u = np.zeros((problem.u.numel(), x.shape[1]))
-    running = casadi.Function("L", [problem.x, problem.u, time, problem.p], [column([problem.lagrangian])]).map(
-        x.shape[1]
-    )
+    running = casadi.Function(
+        "L", [problem.x, problem.u, time, problem.p], [column([problem.lagrangian])]
+    ).map(x.shape[1])
     value = np.abs(running(x, u, t, p).full())
     value = value[np.isfinite(value)]
     size = float(np.median(value)) if value.size else 0.0

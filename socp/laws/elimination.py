@@ -15,7 +15,8 @@ from socp.laws.setting import Setting, reduced
 from socp.laws.singular import Chain, matrix_of
 from socp.model import Expr, column
 
-_RANK = 1e-7  # singular values, relative to the largest, that count as zero; points lie on their surface to 1e-11
+# Singular values, relative to the largest, that count as zero; points lie on their surface to 1e-11
+_RANK = 1e-7
 _ALIKE = 1e-7  # relative difference of two values of one law
 _MINORS = 7  # rows at most of a determinant by minors: one more takes as many times longer
 _CHOICES = 400  # pivot columns tried at most; fewer than this for ten states and three conditions
@@ -24,7 +25,9 @@ _CHOICES = 400  # pivot columns tried at most; fewer than this for ten states an
 @final
 @dataclass(frozen=True, eq=False)
 class Feedback:
-    """Singular controls as feedback (k, 1) in x, t, p; `hamiltonian` tells whether the known value of H was needed."""
+    """Singular controls as feedback (k, 1) in x, t, p; `hamiltonian` tells whether the known value
+    of H was needed.
+    """
 
     control: Expr
     hamiltonian: bool
@@ -33,14 +36,18 @@ class Feedback:
 def with_costate(setting: Setting, chain: Chain) -> Expr:
     """Return the singular controls (k, 1) as functions of x, lambda, t, p."""
     z = extended(setting.problem)
-    numerators, denominator = cramer(matrix_of(chain.slopes, z), -column(casadi.mtimes(row, z) for row in chain.rest))
+    numerators, denominator = cramer(
+        matrix_of(chain.slopes, z), -column(casadi.mtimes(row, z) for row in chain.rest)
+    )
     return column(ratio(numerators[k], denominator) for k in range(numerators.numel()))
 
 
 def feedback(setting: Setting, chain: Chain) -> Feedback | None:
-    """Return the singular controls without the costate, by the conditions alone or else with H, or None.
+    """Return the singular controls without the costate, by the conditions alone or else with H, or
+    None.
 
-    None leaves the law with the costate, which exists wherever a chain does: so does what cannot be computed.
+    None leaves the law with the costate, which exists wherever a chain does: so does what cannot be
+    computed.
     """
     for extra in ([], setting.energy) if setting.energy else ([],):
         rows = casadi.vertcat(*chain.rows, *extra)
@@ -52,7 +59,9 @@ def feedback(setting: Setting, chain: Chain) -> Feedback | None:
 
 
 def surface(setting: Setting, chain: Chain) -> Expr:
-    """Return equations (m, 1) in x, t, p alone that hold on the arc: elsewhere the conditions leave no costate."""
+    """Return equations (m, 1) in x, t, p alone that hold on the arc: elsewhere the conditions leave
+    no costate.
+    """
     rows = casadi.vertcat(*chain.rows, *setting.energy)
     picked, columns = _pivots(setting, chain.points, rows)
     if not picked:
@@ -63,7 +72,9 @@ def surface(setting: Setting, chain: Chain) -> Expr:
             minor = determinant(rows[[*picked, extra], [*columns, free]])
             if (
                 not minor.is_zero()
-                and sampled.nonzero(setting.problem, minor, sampled.admissible(setting.problem)).any()
+                and sampled.nonzero(
+                    setting.problem, minor, sampled.admissible(setting.problem)
+                ).any()
             ):
                 found.append(minor)
                 break
@@ -85,12 +96,18 @@ def _independent(setting: Setting, chain: Chain, rows: Expr) -> bool:
         kernel = _kernel(a, *sizes)
         laws = [_solved(e @ v, k) for v in (z0, kernel @ random.standard_normal(kernel.shape[1]))]
         if np.isfinite(laws).all():
-            alike.append(bool((np.abs(laws[0] - laws[1]) <= _ALIKE * (width + np.abs(laws).max(axis=0))).all()))
+            alike.append(
+                bool(
+                    (np.abs(laws[0] - laws[1]) <= _ALIKE * (width + np.abs(laws).max(axis=0))).all()
+                )
+            )
     return bool(np.mean(alike) > 0.5) if alike else False
 
 
 def _sizes(setting: Setting, rows: Expr) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sizes of rows (m,) and of z (n,) over the admissible points; on the arc some may vanish."""
+    """Return the sizes of rows (m,) and of z (n,) over the admissible points; on the arc some may
+    vanish.
+    """
     points = sampled.admissible(setting.problem)
     matrix, z = sampled.evaluator(setting.problem, rows, extended(setting.problem))(points)
     of_z = np.sqrt(np.mean(z[:, :, 0] ** 2, axis=0))
@@ -106,16 +123,20 @@ def _solved(values: np.ndarray, k: int) -> np.ndarray:
 
 
 def _kernel(matrix: np.ndarray, of_rows: np.ndarray, of_z: np.ndarray) -> np.ndarray:
-    """Return a basis of the vectors (n, d) that a matrix (m, n), its rows and z of given sizes, sends to zero."""
+    """Return a basis of the vectors (n, d) that a matrix (m, n), its rows and z of given sizes,
+    sends to zero.
+    """
     _, s, vt = np.linalg.svd(matrix * of_z / of_rows[:, None])
     kernel: np.ndarray = vt[int((s > _RANK * s[0]).sum()) :].T * of_z[:, None]
     return kernel
 
 
 def _pivots(setting: Setting, points: np.ndarray, rows: Expr) -> tuple[list[int], list[int]]:
-    """Return rows and as many columns whose determinant is farthest from zero at the points, earlier rows preferred.
+    """Return rows and as many columns whose determinant is farthest from zero at the points,
+    earlier rows preferred.
 
-    Both are empty where there are none, or so many that a determinant by minors would take too long.
+    Both are empty where there are none, or so many that a determinant by minors would take too
+    long.
     """
     of_rows, of_z = _sizes(setting, rows)
     matrix = sampled.evaluator(setting.problem, rows)(points)[0] * of_z / of_rows[:, None]
@@ -131,7 +152,9 @@ def _pivots(setting: Setting, points: np.ndarray, rows: Expr) -> tuple[list[int]
     if not picked or len(picked) > _MINORS:
         return [], []
     choices = [c for c, _ in zip(combinations(filled, len(picked)), range(_CHOICES), strict=False)]
-    sizes = [np.quantile(np.abs(np.linalg.det(matrix[:, picked][:, :, list(c)])), 0.25) for c in choices]
+    sizes = [
+        np.quantile(np.abs(np.linalg.det(matrix[:, picked][:, :, list(c)])), 0.25) for c in choices
+    ]
     return picked, list(choices[int(np.argmax(sizes))])
 
 
@@ -144,9 +167,16 @@ def _eliminated(setting: Setting, chain: Chain, rows: Expr) -> Expr | None:
     for free in (k for k in range(rows.shape[1]) if k not in columns):
         z = _null_vector(rows[picked, :], columns, free)
         matrix = matrix_of(chain.slopes, z)
-        if matrix.nnz() and sampled.nonzero(setting.problem, determinant(matrix), chain.points).all():
-            numerators, denominator = cramer(matrix, -column(casadi.mtimes(row, z) for row in chain.rest))
-            candidates.append(column(ratio(numerators[k], denominator) for k in range(numerators.numel())))
+        if (
+            matrix.nnz()
+            and sampled.nonzero(setting.problem, determinant(matrix), chain.points).all()
+        ):
+            numerators, denominator = cramer(
+                matrix, -column(casadi.mtimes(row, z) for row in chain.rest)
+            )
+            candidates.append(
+                column(ratio(numerators[k], denominator) for k in range(numerators.numel()))
+            )
     return min(candidates, key=_length) if candidates else None
 
 
@@ -155,7 +185,9 @@ def _length(expression: Expr) -> int:
 
 
 def _null_vector(rows: Expr, columns: Sequence[int], free: int) -> Expr:
-    """Return a vector (n, 1) with rows z = 0, zero but in the pivot columns and one free column, as minors."""
+    """Return a vector (n, 1) with rows z = 0, zero but in the pivot columns and one free column, as
+    minors.
+    """
     numerators, denominator = cramer(rows[:, list(columns)], -rows[:, free])
     z = casadi.SX(rows.shape[1], 1)
     z[list(columns)] = numerators

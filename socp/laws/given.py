@@ -11,15 +11,17 @@ from socp.laws import probes as sampled
 from socp.laws.principle import Extremal
 from socp.model import Expr, Problem
 
-_ALIKE = 1e-6  # relative to the control's box: laws given in decimals agree to their digits, wrong ones differ by more
+# Relative to the control's box: laws given in decimals agree to their digits, wrong ones differ by
+# more
+_ALIKE = 1e-6
 
 
 def check_laws(problem: Problem) -> None:
     """Refuse user-given laws that differ from the derived ones.
 
-    A singular law may be right only while other controls are on state constraints; it is refused if it is wrong on
-    every arc that can be derived. A law that cannot be derived is not checked. Raises ProblemError with both formulas
-    and the point where they differ most.
+    A singular law may be right only while other controls are on state constraints; it is refused if
+    it is wrong on every arc that can be derived. A law that cannot be derived is not checked.
+    Raises ProblemError with both formulas and the point where they differ most.
     """
     for i, name in enumerate(problem.control_names):
         law = laws.given_singular(problem, i)
@@ -46,10 +48,17 @@ def _check_boundary(problem: Problem, i: int) -> None:
             )
         idle = [c for c in named if c not in {constraint.name for constraint in acting}]
         if idle:
-            raise ProblemError(f"problem '{problem.name}': boundary law of '{name}': it does not act on '{idle[0]}'")
+            raise ProblemError(
+                f"problem '{problem.name}': boundary law of '{name}': it does not act on "
+                f"'{idle[0]}'"
+            )
     else:
         _refuse(
-            problem, name, "boundary law", casadi.SX(named), _boundary_arcs(problem, name, [c.name for c in acting])
+            problem,
+            name,
+            "boundary law",
+            casadi.SX(named),
+            _boundary_arcs(problem, name, [c.name for c in acting]),
         )
 
 
@@ -62,10 +71,14 @@ def _singular_arcs(problem: Problem, name: str) -> Iterator[Extremal]:
 
 
 def _boundary_arcs(problem: Problem, name: str, constraints: list[str]) -> list[Extremal]:
-    return [found for constraint in constraints for found in _derived(problem, (), {name: constraint})]
+    return [
+        found for constraint in constraints for found in _derived(problem, (), {name: constraint})
+    ]
 
 
-def _derived(problem: Problem, singular: tuple[str, ...], boundary: Mapping[str, str]) -> Iterator[Extremal]:
+def _derived(
+    problem: Problem, singular: tuple[str, ...], boundary: Mapping[str, str]
+) -> Iterator[Extremal]:
     try:
         yield laws.derive(problem, singular, boundary)
     except MethodError:
@@ -73,7 +86,9 @@ def _derived(problem: Problem, singular: tuple[str, ...], boundary: Mapping[str,
 
 
 def _refuse(problem: Problem, name: str, kind: str, law: Expr, arcs: list[Extremal]) -> None:
-    """Raise ProblemError unless the law agrees with the derived one on one of the arcs, or none could be derived."""
+    """Raise ProblemError unless the law agrees with the derived one on one of the arcs, or none
+    could be derived.
+    """
     i = problem.control_names.index(name)
     differences = [_difference(problem, i, law, found) for found in arcs]
     if not differences or any(text is None for text in differences):
@@ -85,15 +100,23 @@ def _refuse(problem: Problem, name: str, kind: str, law: Expr, arcs: list[Extrem
 
 
 def _difference(problem: Problem, i: int, law: Expr, found: Extremal) -> str | None:
-    """Return both formulas and their values at the point where they differ most, None where they agree."""
-    own, derived = (values[:, 0, 0] for values in sampled.evaluator(problem, law, found.control[i])(found.points))
+    """Return both formulas and their values at the point where they differ most, None where they
+    agree.
+    """
+    own, derived = (
+        values[:, 0, 0]
+        for values in sampled.evaluator(problem, law, found.control[i])(found.points)
+    )
     gap = np.abs(own - derived) / (np.ptp(problem.box[:, i]) + np.abs(derived))
     gap = np.where(np.isfinite(derived), np.where(np.isfinite(own), gap, np.inf), 0.0)
     if not gap.size or gap.max() <= _ALIKE:
         return None
     k, name = int(np.argmax(gap)), problem.control_names[i]
     point = ", ".join(
-        f"{s} = {v:.6g}" for s, v in zip(problem.state_names, found.points[1 : 1 + problem.x.numel(), k], strict=True)
+        f"{s} = {v:.6g}"
+        for s, v in zip(
+            problem.state_names, found.points[1 : 1 + problem.x.numel(), k], strict=True
+        )
     )
     formula = found.control[i] if found.feedback is None else found.feedback[i]
     return (

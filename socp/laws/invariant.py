@@ -1,4 +1,6 @@
-"""Infinite order, proved: conditions whose span over the states is closed under differentiation leave controls open."""
+"""Infinite order, proved: conditions whose span over the states is closed under differentiation
+leave controls open.
+"""
 
 from collections.abc import Sequence
 
@@ -14,15 +16,19 @@ _RANK = 1e-9  # of a row: what is left of it outside a span is round-off below
 
 
 def closed(setting: Setting, touch: Contact, rows: Sequence[Expr], more: Sequence[Expr]) -> bool:
-    """Tell whether every row of `more` is a combination of `rows`, at generic states, while these leave a costate.
+    """Tell whether every row of `more` is a combination of `rows`, at generic states, while these
+    leave a costate.
 
-    Then `more` vanish wherever `rows` do, and so do their derivatives: with x' the coefficients change, the span does
-    not. A row that holds no costate is a condition on the states: it is kept, and spans nothing.
+    Then `more` vanish wherever `rows` do, and so do their derivatives: with x' the coefficients
+    change, the span does not. A row that holds no costate is a condition on the states: it is kept,
+    and spans nothing.
     """
     problem, n = setting.problem, setting.problem.x.numel()
     candidates = [row for row in more if casadi.sparsify(row).nnz()] or [casadi.SX(1, n + 1)]
     of_states = [row[n] for row in rows if not casadi.sparsify(row[:n]).nnz()]
-    at = sampled.onto(problem, column([*casadi.vertsplit(touch.held), *of_states]), sampled.admissible(problem))
+    at = sampled.onto(
+        problem, column([*casadi.vertsplit(touch.held), *of_states]), sampled.admissible(problem)
+    )
     span = [row for row in rows if casadi.sparsify(row[:n]).nnz()] + setting.energy
     if not at.shape[1] or not span:
         return False
@@ -41,10 +47,12 @@ def closed(setting: Setting, touch: Contact, rows: Sequence[Expr], more: Sequenc
 
 
 def _spanned(rows: np.ndarray, more: np.ndarray, fields: np.ndarray | None) -> bool:
-    """Tell whether `more` (k, n + 1) lie in the span of `rows` (m, n + 1), and a z with rows z = 0 is a costate's.
+    """Tell whether `more` (k, n + 1) lie in the span of `rows` (m, n + 1), and a z with rows z = 0
+    is a costate's.
 
-    Its last entry must be one. Where its direction alone counts, `fields` (nu + 1, n + 1) are given, of which one must
-    not vanish: where all do it is the gradient of a conserved quantity, which satisfies everything and says nothing.
+    Its last entry must be one. Where its direction alone counts, `fields` (nu + 1, n + 1) are
+    given, of which one must not vanish: where all do it is the gradient of a conserved quantity,
+    which satisfies everything and says nothing.
     """
     basis = _basis(rows)
     last = np.eye(rows.shape[1])[-1]
@@ -64,7 +72,9 @@ def _left(rows: np.ndarray, basis: np.ndarray) -> np.ndarray:
 
 
 def _basis(rows: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis (r, n) of the span of rows (m, n), each counted at its own size."""
+    """Return an orthonormal basis (r, n) of the span of rows (m, n), each counted at its own
+    size.
+    """
     length = np.linalg.norm(rows, axis=1, keepdims=True)
     _, s, vt = np.linalg.svd(rows / np.where(length > 0, length, 1.0), full_matrices=False)
     basis: np.ndarray = vt[s > _RANK * max(float(s[0]), 1e-300)]

@@ -1,4 +1,6 @@
-"""Control laws on arcs: derived from the problem by Pontryagin's principle, or as the user gives them."""
+"""Control laws on arcs: derived from the problem by Pontryagin's principle, or as the user gives
+them.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -15,19 +17,31 @@ from socp.laws.setting import Setting, tower
 from socp.model import Constraint, Expr, Mode, Problem, column
 
 __all__ = [
-    "ArcLaw", "Extremal", "acting", "arc_law", "derive", "extremal_arc", "given_boundary", "given_singular",
-    "hamiltonian_value", "resolved", "total_derivative", "tower",
-]  # fmt: skip
+    "ArcLaw",
+    "Extremal",
+    "acting",
+    "arc_law",
+    "derive",
+    "extremal_arc",
+    "given_boundary",
+    "given_singular",
+    "hamiltonian_value",
+    "resolved",
+    "total_derivative",
+    "tower",
+]
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class ArcLaw:
-    """Control (nu, 1) on an arc, conditions that vanish at its entry, and the state constraints that it keeps active.
+    """Control (nu, 1) on an arc, conditions that vanish at its entry, and the state constraints
+    that it keeps active.
 
-    `control` is an expression of x, t, p, of the problem's symbols of free controls and, where `costate` is true, of
-    `problem.costate`: then `costate_rate` (nx, 1) is lambda' on the arc, and `costate_entry` vanishes where the arc
-    begins, in x, lambda, t, p. It fixes the costate's length where the conditions leave that open.
+    `control` is an expression of x, t, p, of the problem's symbols of free controls and, where
+    `costate` is true, of `problem.costate`: then `costate_rate` (nx, 1) is lambda' on the arc, and
+    `costate_entry` vanishes where the arc begins, in x, lambda, t, p. It fixes the costate's length
+    where the conditions leave that open.
     """
 
     control: Expr
@@ -45,9 +59,12 @@ class ArcLaw:
 def arc_law(problem: Problem, modes: Modes) -> ArcLaw:
     """Return the control law of an arc: given by the problem where it gives one, derived otherwise.
 
-    Raises MethodError, naming the control and the case, where the law is ambiguous, degenerate or cannot be derived.
+    Raises MethodError, naming the control and the case, where the law is ambiguous, degenerate or
+    cannot be derived.
     """
-    laws: dict[Modes, ArcLaw] = vars(problem).setdefault("_laws", {})  # as its own cached properties
+    laws: dict[Modes, ArcLaw] = vars(problem).setdefault(
+        "_laws", {}
+    )  # as its own cached properties
     if modes not in laws:
         laws[modes] = _arc_law(problem, modes)
     return laws[modes]
@@ -56,14 +73,25 @@ def arc_law(problem: Problem, modes: Modes) -> ArcLaw:
 def given_singular(problem: Problem, i: int) -> Expr | None:
     """Return the singular law that the user gives for control i, if any."""
     return next(
-        (casadi.SX(law) for control, law in problem.singular.items() if control.name() == problem.control_names[i]),
+        (
+            casadi.SX(law)
+            for control, law in problem.singular.items()
+            if control.name() == problem.control_names[i]
+        ),
         None,
     )
 
 
 def given_boundary(problem: Problem, j: int, constraint: Constraint) -> Expr | None:
     """Return the boundary law that the user gives for control j on a constraint, if any."""
-    given = next((law for control, law in problem.boundary.items() if control.name() == problem.control_names[j]), None)
+    given = next(
+        (
+            law
+            for control, law in problem.boundary.items()
+            if control.name() == problem.control_names[j]
+        ),
+        None,
+    )
     law = given.get(constraint.name) if isinstance(given, Mapping) else given
     return None if law is None else casadi.SX(law)
 
@@ -78,22 +106,36 @@ def _arc_law(problem: Problem, modes: Modes) -> ArcLaw:
         found = _shared(problem, modes) or extremal_arc(problem, modes)
         carried = found if found.feedback is None else None
         control = found.control if found.feedback is None else found.feedback
-    given |= {j: law for j, c in setting.boundary.items() if (law := given_boundary(problem, j, c)) is not None}
+    given |= {
+        j: law
+        for j, c in setting.boundary.items()
+        if (law := given_boundary(problem, j, c)) is not None
+    }
     control = column(given.get(i, control[i]) for i in range(control.numel()))
     _inside(problem, setting, control)
     kept = {c.name: tower(problem, c, setting.given)[0] for c in setting.boundary.values()}
     entry = tuple(e for held in kept.values() for e in held)
     if carried is None:
         return ArcLaw(control, entry, frozenset(kept))
-    return ArcLaw(control, entry, frozenset(kept), carried.costate_rate, _costate_entry(problem, carried))
+    return ArcLaw(
+        control, entry, frozenset(kept), carried.costate_rate, _costate_entry(problem, carried)
+    )
 
 
 def _shared(problem: Problem, modes: Modes) -> Extremal | None:
-    """Return the arc with its bang controls left open, where its law turns out not to depend on their values."""
-    if all(mode.kind not in {"lower", "upper"} for mode in modes) or any(mode.kind == "free" for mode in modes):
+    """Return the arc with its bang controls left open, where its law turns out not to depend on
+    their values.
+    """
+    if all(mode.kind not in {"lower", "upper"} for mode in modes) or any(
+        mode.kind == "free" for mode in modes
+    ):
         return None
     try:
-        found = arc(problem, tuple(Mode("free") if m.kind in {"lower", "upper"} else m for m in modes), constant=True)
+        found = arc(
+            problem,
+            tuple(Mode("free") if m.kind in {"lower", "upper"} else m for m in modes),
+            constant=True,
+        )
     except MethodError:
         return None
     at = [i for i, mode in enumerate(modes) if mode.kind in {"lower", "upper"}]
@@ -116,8 +158,12 @@ def _costate_entry(problem: Problem, found: Extremal) -> tuple[Expr, ...]:
 def _inside(problem: Problem, setting: Setting, control: Expr) -> None:
     """Refuse a law that is a constant outside the bounds: no such arc is admissible."""
     for i in (*setting.singular, *setting.boundary):
-        if control[i].is_constant() and not problem.box[0, i] <= float(control[i]) <= problem.box[1, i]:
+        if (
+            control[i].is_constant()
+            and not problem.box[0, i] <= float(control[i]) <= problem.box[1, i]
+        ):
             name, low, high = problem.control_names[i], *problem.box[:, i]
             raise MethodError(
-                f"{setting.name()}: its law {name} = {float(control[i]):g} lies outside the bounds ({low:g}, {high:g})"
+                f"{setting.name()}: its law {name} = {float(control[i]):g} lies outside the "
+                f"bounds ({low:g}, {high:g})"
             )

@@ -1,4 +1,6 @@
-"""Links of singular arcs: switching functions on their way to the derivative that holds a control, step by step."""
+"""Links of singular arcs: switching functions on their way to the derivative that holds a control,
+step by step.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,11 +15,15 @@ from socp.laws.brackets import extended, switching_row
 from socp.laws.setting import DEEPEST, Contact, Setting, equations, reduced
 from socp.model import Expr
 
-_LEVEL = 1e-7  # of the sum of its terms: less is what a point that comes near a surface leaves of zero
+_LEVEL = (
+    1e-7  # of the sum of its terms: less is what a point that comes near a surface leaves of zero
+)
 
 
 class LostError(MethodError):
-    """No law was found from these points: others may show one, unless it is `proved` that there is none."""
+    """No law was found from these points: others may show one, unless it is `proved` that there is
+    none.
+    """
 
     def __init__(self, text: str, *, proved: bool = False) -> None:
         super().__init__(text)
@@ -37,11 +43,12 @@ class Link:
 @final
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The state of the differentiation: rows so far, points on their surface, and the links of the controls.
+    """The state of the differentiation: rows so far, points on their surface, and the links of the
+    controls.
 
-    `left` have been differentiated as often as any; `now` are to be followed this round, with their derivative (row
-    without the singular controls, rows of these); `solved` hold a singular control. The search began at the points
-    `start`, the costates of the states `aside` being zero.
+    `left` have been differentiated as often as any; `now` are to be followed this round, with their
+    derivative (row without the singular controls, rows of these); `solved` hold a singular control.
+    The search began at the points `start`, the costates of the states `aside` being zero.
     """
 
     setting: Setting
@@ -56,28 +63,37 @@ class Search:
     solved: Mapping[int, tuple[Expr, list[Expr], Link]] = field(default_factory=dict)
 
     def add(self, row: Expr, what: str, points: np.ndarray | None = None) -> "Search":
-        """Return the search with one more row that vanishes, at points moved onto it; LostError where none arrives."""
+        """Return the search with one more row that vanishes, at points moved onto it; LostError
+        where none arrives.
+        """
         start, rows = self.points if points is None else points, (*self.rows, row)
         own = casadi.vertcat(
-            equations(self.setting, self.touch, rows), *(self.setting.problem.costate[j] for j in self.aside)
+            equations(self.setting, self.touch, rows),
+            *(self.setting.problem.costate[j] for j in self.aside),
         )
         at = sampled.onto(self.setting.problem, own, start, interior=not self.setting.boundary)
         if not at.shape[1]:
             raise LostError(
-                f"{self.setting.name()}: no such arc was found: no state and costate satisfy {what} with all that "
-                f"precedes it ({start.shape[1]} points tried)"
+                f"{self.setting.name()}: no such arc was found: no state and costate satisfy "
+                f"{what} with all that precedes it ({start.shape[1]} points tried)"
             )
         return replace(self, rows=rows, points=at)
 
     def real(self, rows: Sequence[Expr]) -> np.ndarray:
-        """Tell which rows differ from zero at which points (n, rows): by more than round-off and the points' error."""
+        """Tell which rows differ from zero at which points (n, rows): by more than round-off and
+        the points' error.
+        """
         z = extended(self.setting.problem)
         stack = casadi.vertcat(*rows)
         evaluate = sampled.evaluator(
-            self.setting.problem, casadi.mtimes(stack, z), casadi.mtimes(casadi.fabs(stack), casadi.fabs(z))
+            self.setting.problem,
+            casadi.mtimes(stack, z),
+            casadi.mtimes(casadi.fabs(stack), casadi.fabs(z)),
         )
         value, terms = (each[:, :, 0] for each in evaluate(self.points))
-        found: np.ndarray = sampled.real(self.setting.problem, lambda at: evaluate(at)[0][:, :, 0], self.points)
+        found: np.ndarray = sampled.real(
+            self.setting.problem, lambda at: evaluate(at)[0][:, :, 0], self.points
+        )
         with np.errstate(invalid="ignore"):
             return found & (np.abs(value) > _LEVEL * terms)
 
@@ -86,27 +102,38 @@ class Search:
         return bool((self.real(rows).mean(axis=0) > 0.5).any())
 
 
-def begun(setting: Setting, touch: Contact, points: np.ndarray, aside: tuple[int, ...] = ()) -> Search:
-    """Return the search at its beginning: sigma of every singular control is to vanish, costates `aside` are zero."""
+def begun(
+    setting: Setting, touch: Contact, points: np.ndarray, aside: tuple[int, ...] = ()
+) -> Search:
+    """Return the search at its beginning: sigma of every singular control is to vanish, costates
+    `aside` are zero.
+    """
     search = Search(setting, touch, points, points, aside)
     for row in touch.rows:
         search = search.add(reduced(row)[1], "sigma = 0 of its boundary controls")
-    sigmas = {i: Link(switching_row(setting.problem, i), casadi.SX(1), -1) for i in setting.singular}
+    sigmas = {
+        i: Link(switching_row(setting.problem, i), casadi.SX(1), -1) for i in setting.singular
+    }
     return replace(search, now={i: (link, link.row, []) for i, link in sigmas.items()})
 
 
 def differentiated(search: Search) -> Search:
-    """Return the search with the derivatives of all links as the next to follow, Goh's condition required of them."""
+    """Return the search with the derivatives of all links as the next to follow, Goh's condition
+    required of them.
+    """
     setting, links = search.setting, search.left
     for i, link in links.items():
         if setting.varying.numel() and casadi.depends_on(link.row, setting.varying):
             raise MethodError(
-                f"{setting.name()}: the law of '{setting.problem.control_names[i]}' depends on the rate of change of a "
-                "free control"
+                f"{setting.name()}: the law of '{setting.problem.control_names[i]}' depends on "
+                "the rate of change of a free control"
             )
     depth = next(iter(links.values())).depth + 1
     if depth > DEEPEST:
-        raise LostError(f"{setting.name()}: no law was found: no singular control appears in {DEEPEST} derivatives")
+        raise LostError(
+            f"{setting.name()}: no law was found: no singular control appears in {DEEPEST} "
+            "derivatives"
+        )
     parts = {i: split(search, link) for i, link in links.items()}
     if depth % 2:
         search = _goh(search, [slope for _, slopes in parts.values() for slope in slopes], depth)
@@ -114,20 +141,25 @@ def differentiated(search: Search) -> Search:
 
 
 def split(search: Search, link: Link) -> tuple[Expr, list[Expr]]:
-    """Return the derivative of a link as (row without the singular controls, rows of their coefficients)."""
+    """Return the derivative of a link as (row without the singular controls, rows of their
+    coefficients).
+    """
     unknown = search.setting.unknown
     row = search.touch.flow.of_row(link.row)
     slopes = casadi.jacobian(row.T, unknown)
     rest = casadi.substitute(row, unknown, casadi.SX.zeros(unknown.numel(), 1))
     return rest, [
-        casadi.substitute(slopes[:, k].T, unknown, casadi.SX.zeros(unknown.numel(), 1)) for k in range(unknown.numel())
+        casadi.substitute(slopes[:, k].T, unknown, casadi.SX.zeros(unknown.numel(), 1))
+        for k in range(unknown.numel())
     ]
 
 
 def _goh(search: Search, slopes: list[Expr], depth: int) -> Search:
-    """Require the coefficients of singular controls in odd derivatives to vanish, as a minimum needs (Goh, Robbins).
+    """Require the coefficients of singular controls in odd derivatives to vanish, as a minimum
+    needs (Goh, Robbins).
 
-    They vanish all along the arc, so their derivatives do; one that holds a singular control ends this.
+    They vanish all along the arc, so their derivatives do; one that holds a singular control ends
+    this.
     """
     what = f"Goh's condition on the sigma^({depth})"
     for slope in slopes:
@@ -135,7 +167,9 @@ def _goh(search: Search, slopes: list[Expr], depth: int) -> Search:
         while search.goh < DEEPEST and search.holds([row]):
             if search.solved:
                 name = search.setting.name()
-                raise MethodError(f"{name}: singular controls of different orders act on each other; not derived")
+                raise MethodError(
+                    f"{name}: singular controls of different orders act on each other; not derived"
+                )
             row = reduced(row)[1]
             search = search.add(row, what)
             search = replace(search, goh=search.goh + 1)

@@ -1,4 +1,6 @@
-"""What Pontryagin's principle says on an arc: controls, costate, multipliers, orders, Legendre-Clebsch condition."""
+"""What Pontryagin's principle says on an arc: controls, costate, multipliers, orders,
+Legendre-Clebsch condition.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,14 +25,19 @@ Modes = tuple[Mode, ...]
 @final
 @dataclass(frozen=True, eq=False)
 class Extremal:
-    """What Pontryagin's principle says on an arc, in x, lambda (`problem.costate`), t, p and the constant controls.
+    """What Pontryagin's principle says on an arc, in x, lambda (`problem.costate`), t, p and the
+    constant controls.
 
-    - control (nu, 1) with the costate; feedback (nu, 1) without it or None; hamiltonian: it needs the known value of H;
+    - control (nu, 1) with the costate; feedback (nu, 1) without it or None; hamiltonian: it
+      needs the known value of H;
     - orders by singular control and by state constraint;
-    - conditions (m, 1) vanish all along the arc, among them every sigma; entry (k, 1): c = .. = c^(q-1) = 0;
-    - multipliers mu >= 0 by constraint name, with lambda' = -H_x - sum mu dc/dx = costate_rate (nx, 1);
+    - conditions (m, 1) vanish all along the arc, among them every sigma; entry (k, 1): c = .. =
+      c^(q-1) = 0;
+    - multipliers mu >= 0 by constraint name, with lambda' = -H_x - sum mu dc/dx = costate_rate
+      (nx, 1);
     - legendre_clebsch (s, s) over the singular controls must be positive semidefinite;
-    - equations (e, 1): all that vanishes on the arc, H = const included; points (nv, n) (`socp.laws.probes`) satisfy them.
+    - equations (e, 1): all that vanishes on the arc, H = const included; points (nv, n)
+      (`socp.laws.probes`) satisfy them.
     """
 
     control: Expr
@@ -53,25 +60,37 @@ class Extremal:
 
 
 def extremal_arc(problem: Problem, modes: Modes) -> Extremal:
-    """Return all that the principle says on an arc with these modes; free controls count as known functions of time.
+    """Return all that the principle says on an arc with these modes; free controls count as known
+    functions of time.
 
     Raises MethodError as `arc_law` does; laws that the user gives play no part.
     """
     return arc(problem, modes, constant=False)
 
 
-def derive(problem: Problem, singular: tuple[str, ...] = (), boundary: Mapping[str, str] | None = None) -> Extremal:
-    """Return what the principle says with some controls singular, some on constraints, the others constant.
+def derive(
+    problem: Problem, singular: tuple[str, ...] = (), boundary: Mapping[str, str] | None = None
+) -> Extremal:
+    """Return what the principle says with some controls singular, some on constraints, the others
+    constant.
 
-    `boundary` names a state constraint by control. The constant controls keep the problem's symbols: the result holds
-    whatever their values. Raises MethodError.
+    `boundary` names a state constraint by control. The constant controls keep the problem's
+    symbols: the result holds whatever their values. Raises MethodError.
     """
     on = boundary or {}
-    kinds = {name: Mode("singular") for name in singular} | {name: Mode("boundary", on[name]) for name in on}
-    return arc(problem, tuple(kinds.get(name, Mode("free")) for name in problem.control_names), constant=True)
+    kinds = {name: Mode("singular") for name in singular} | {
+        name: Mode("boundary", on[name]) for name in on
+    }
+    return arc(
+        problem,
+        tuple(kinds.get(name, Mode("free")) for name in problem.control_names),
+        constant=True,
+    )
 
 
-def setting_of(problem: Problem, modes: Modes, *, constant: bool, given: Mapping[int, Expr] | None = None) -> Setting:
+def setting_of(
+    problem: Problem, modes: Modes, *, constant: bool, given: Mapping[int, Expr] | None = None
+) -> Setting:
     """Return the setting of an arc; laws `given` for singular controls make these known."""
     values, singular, boundary, varying = [], [], {}, []
     for i, mode in enumerate(modes):
@@ -91,8 +110,12 @@ def setting_of(problem: Problem, modes: Modes, *, constant: bool, given: Mapping
 
 
 def arc(problem: Problem, modes: Modes, *, constant: bool) -> Extremal:
-    """Return what the principle says on an arc; free controls are constants, or functions of time that vary freely."""
-    known: dict[tuple[Modes, bool], Extremal | MethodError] = vars(problem).setdefault("_extremals", {})  # cached
+    """Return what the principle says on an arc; free controls are constants, or functions of time
+    that vary freely.
+    """
+    known: dict[tuple[Modes, bool], Extremal | MethodError] = vars(problem).setdefault(
+        "_extremals", {}
+    )  # cached
     key = (modes, constant)
     if key not in known:
         try:
@@ -106,7 +129,9 @@ def arc(problem: Problem, modes: Modes, *, constant: bool) -> Extremal:
 
 
 def forget(problem: Problem) -> None:
-    """Forget the arcs for which no law was found: points noted since (`socp.laws.probes.note`) may show one."""
+    """Forget the arcs for which no law was found: points noted since (`socp.laws.probes.note`) may
+    show one.
+    """
     known: dict[tuple[Modes, bool], Extremal | MethodError] = vars(problem).get("_extremals", {})
     for key in [key for key, found in known.items() if isinstance(found, MethodError)]:
         del known[key]
@@ -124,11 +149,18 @@ def _without_singular(setting: Setting, touch: Contact) -> Extremal:
     equations = extremal.equations(setting, touch, touch.rows)
     points = sampled.onto(setting.problem, equations, sampled.admissible(setting.problem))
     return Extremal(
-        control=touch.control, feedback=touch.control, hamiltonian=False,
+        control=touch.control,
+        feedback=touch.control,
+        hamiltonian=False,
         orders={c: len(held) for c, held in touch.towers.items()},
-        conditions=conditions, entry=touch.held, multipliers=_multipliers(touch, z, {}),
-        costate_rate=_costate_rate(touch, z), legendre_clebsch=casadi.SX(0, 0), equations=equations, points=points,
-    )  # fmt: skip
+        conditions=conditions,
+        entry=touch.held,
+        multipliers=_multipliers(touch, z, {}),
+        costate_rate=_costate_rate(touch, z),
+        legendre_clebsch=casadi.SX(0, 0),
+        equations=equations,
+        points=points,
+    )
 
 
 def _with_singular(setting: Setting, touch: Contact) -> Extremal:
@@ -139,9 +171,12 @@ def _with_singular(setting: Setting, touch: Contact) -> Extremal:
     put = {"symbols": setting.unknown, "values": law}
     return Extremal(
         control=casadi.substitute(touch.control, setting.unknown, law),
-        feedback=None if feedback is None else casadi.substitute(touch.control, setting.unknown, feedback.control),
+        feedback=None
+        if feedback is None
+        else casadi.substitute(touch.control, setting.unknown, feedback.control),
         hamiltonian=feedback is not None and feedback.hamiltonian,
-        orders=dict(zip(names, found.orders, strict=True)) | {c: len(held) for c, held in touch.towers.items()},
+        orders=dict(zip(names, found.orders, strict=True))
+        | {c: len(held) for c, held in touch.towers.items()},
         conditions=column(casadi.mtimes(row, z) for row in found.rows),
         entry=touch.held,
         multipliers=_multipliers(touch, z, put),
@@ -155,7 +190,11 @@ def _with_singular(setting: Setting, touch: Contact) -> Extremal:
 
 def _multipliers(touch: Contact, z: Expr, put: Mapping[str, Expr]) -> dict[str, Expr]:
     found = {name: casadi.mtimes(row, z) for name, row in touch.multipliers.items()}
-    return {name: casadi.substitute(e, put["symbols"], put["values"]) for name, e in found.items()} if put else found
+    return (
+        {name: casadi.substitute(e, put["symbols"], put["values"]) for name, e in found.items()}
+        if put
+        else found
+    )
 
 
 def _costate_rate(touch: Contact, z: Expr) -> Expr:
@@ -163,6 +202,10 @@ def _costate_rate(touch: Contact, z: Expr) -> Expr:
 
 
 def _legendre_clebsch(found: Chain, z: Expr) -> Expr:
-    """Return (-1)^q d/du sigma^(2q) over the singular controls (s, s): positive semidefinite where H is minimised."""
-    signs = casadi.diag(column((-1) ** q * factor for q, factor in zip(found.orders, found.factors, strict=True)))
+    """Return (-1)^q d/du sigma^(2q) over the singular controls (s, s): positive semidefinite where
+    H is minimised.
+    """
+    signs = casadi.diag(
+        column((-1) ** q * factor for q, factor in zip(found.orders, found.factors, strict=True))
+    )
     return casadi.mtimes(signs, matrix_of(found.slopes, z))

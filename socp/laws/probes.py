@@ -1,4 +1,6 @@
-"""Admissible points, moved onto the surfaces on which a law has to hold: they decide what is zero there."""
+"""Admissible points, moved onto the surfaces on which a law has to hold: they decide what is zero
+there.
+"""
 
 from collections.abc import Callable
 from weakref import WeakKeyDictionary
@@ -10,15 +12,24 @@ from socp.laws.drawing import ends, reached
 from socp.model import Expr, Problem, time
 
 COUNT = 24  # points; a false "zero" would need chance to strike at most of them
-_MANY = 240  # points where COUNT of them are too few: what is looked for may lie in a corner of the states
+# Points where COUNT of them are too few: what is looked for may lie in a corner of the states
+_MANY = 240
 _DECADES = 4.0  # of sizes over which states are scattered
-_PASSES = 60  # Gauss-Newton steps at most; from afar each may move no further than the states spread
-_INERTIA = 0.1  # of states against costates: the costate moves first, the state only where it has to
-_PATIENCE = 8  # steps after which half of the points are enough, and after which a point must have come nearer
-_PROGRESS = 0.9  # of the residual so many steps before: a point with more is stuck where the surface is not
+_PASSES = (
+    60  # Gauss-Newton steps at most; from afar each may move no further than the states spread
+)
+_INERTIA = (
+    0.1  # of states against costates: the costate moves first, the state only where it has to
+)
+# Steps after which half of the points are enough, and after which a point must have come nearer
+_PATIENCE = 8
+_PROGRESS = (
+    0.9  # of the residual so many steps before: a point with more is stuck where the surface is not
+)
 _TOUCH = 1e-6  # of its spread: a state as near to a bound still moves by as much
 _CLOSE = 1e-11  # residual, relative to the size of its terms, of a point that lies on the surface
-_NUDGE = 1e-7  # relative perturbation that tells a number from round-off: a number hardly changes, round-off does
+# Relative perturbation that tells a number from round-off: a number hardly changes, round-off does
+_NUDGE = 1e-7
 _FAR = 1e3  # spreads: a point moved further than this lies where the problem does not live
 
 Evaluate = Callable[[np.ndarray], tuple[np.ndarray, ...]]
@@ -28,13 +39,19 @@ _NOTED: WeakKeyDictionary[Problem, list[np.ndarray]] = WeakKeyDictionary()
 
 
 def symbols(problem: Problem) -> Expr:
-    """Return all that a point gives values to: t, x, p, the costate and the controls, as one column (nv, 1)."""
+    """Return all that a point gives values to: t, x, p, the costate and the controls, as one column
+    (nv, 1).
+    """
     return casadi.vertcat(time, problem.x, problem.p, problem.costate, problem.u)
 
 
 def evaluator(problem: Problem, *expressions: Expr) -> Evaluate:
-    """Return a function of points (nv, n) that gives an array (n, rows, columns) for every expression."""
-    function = casadi.Function("e", [symbols(problem)], [casadi.densify(casadi.SX(e)) for e in expressions])
+    """Return a function of points (nv, n) that gives an array (n, rows, columns) for every
+    expression.
+    """
+    function = casadi.Function(
+        "e", [symbols(problem)], [casadi.densify(casadi.SX(e)) for e in expressions]
+    )
 
     def evaluate(points: np.ndarray) -> tuple[np.ndarray, ...]:
         n = points.shape[1]
@@ -52,17 +69,23 @@ def evaluator(problem: Problem, *expressions: Expr) -> Evaluate:
 
 
 def spread(problem: Problem) -> np.ndarray:
-    """Return how much every symbol (nv,) varies over the admissible points; where it does not, a bit of its size."""
+    """Return how much every symbol (nv,) varies over the admissible points; where it does not, a
+    bit of its size.
+    """
     if problem not in _SPREADS:
         points = admissible(problem)
         size = np.sqrt(np.mean(points**2, axis=1))
         varies = points.std(axis=1)
-        _SPREADS[problem] = np.where(varies > 1e-9 * size, varies, 1e-3 * np.where(size > 0, size, 1.0))
+        _SPREADS[problem] = np.where(
+            varies > 1e-9 * size, varies, 1e-3 * np.where(size > 0, size, 1.0)
+        )
     return _SPREADS[problem]
 
 
 def admissible(problem: Problem, count: int = COUNT) -> np.ndarray:
-    """Return points (nv, count) that random bang controls reach from the start, with random costates and controls."""
+    """Return points (nv, count) that random bang controls reach from the start, with random
+    costates and controls.
+    """
     known = _BASES.setdefault(problem, {})
     if count not in known:
         known[count] = reached(problem, count)
@@ -70,22 +93,27 @@ def admissible(problem: Problem, count: int = COUNT) -> np.ndarray:
 
 
 def scattered(problem: Problem) -> np.ndarray:
-    """Return many points (nv, n), states of two in three nearer to where they start, or to their bound or else zero.
+    """Return many points (nv, n), states of two in three nearer to where they start, or to their
+    bound or else zero.
 
-    Each is nearer by a random power of ten: rates that saturate, of growth or of a reaction, bend where their state is
-    small, and motions seldom stay there.
+    Each is nearer by a random power of ten: rates that saturate, of growth or of a reaction, bend
+    where their state is small, and motions seldom stay there.
     """
     points, nx = admissible(problem, _MANY), problem.x.numel()
     start, low = ends(problem)[0], problem.state_box[0]
     random = np.random.default_rng(4)
     for k, place in enumerate((start, np.where(np.isfinite(low), low, 0.0))):
         away = points[1 : 1 + nx, k::3] - place[:, None]
-        points[1 : 1 + nx, k::3] = place[:, None] + away * 10.0 ** random.uniform(-_DECADES, 0.0, away.shape)
+        points[1 : 1 + nx, k::3] = place[:, None] + away * 10.0 ** random.uniform(
+            -_DECADES, 0.0, away.shape
+        )
     return points
 
 
 def note(problem: Problem, points: np.ndarray) -> None:
-    """Keep points (nv, n) that a solution of the problem shows: laws are looked for from them too."""
+    """Keep points (nv, n) that a solution of the problem shows: laws are looked for from them
+    too.
+    """
     _NOTED.setdefault(problem, []).append(points)
 
 
@@ -95,20 +123,28 @@ def noted(problem: Problem) -> tuple[np.ndarray, ...]:
 
 
 def onto(
-    problem: Problem, equations: Expr, points: np.ndarray, *, interior: bool = False, far: float = _FAR
+    problem: Problem,
+    equations: Expr,
+    points: np.ndarray,
+    *,
+    interior: bool = False,
+    far: float = _FAR,
 ) -> np.ndarray:
-    """Move points (nv, n) in state and costate onto `equations` = 0 (m, 1); return those that arrive (nv, k).
+    """Move points (nv, n) in state and costate onto `equations` = 0 (m, 1); return those that
+    arrive (nv, k).
 
-    They arrive if they have not moved `far`, in spreads of each symbol. Points within the state bounds are preferred:
-    others are returned only where there are none within. In the `interior` states are measured by how far they are from
-    their bounds, as interior point methods do: where a population or a concentration is zero much vanishes, and no law
-    holds.
+    They arrive if they have not moved `far`, in spreads of each symbol. Points within the state
+    bounds are preferred: others are returned only where there are none within. In the `interior`
+    states are measured by how far they are from their bounds, as interior point methods do: where a
+    population or a concentration is zero much vanishes, and no law holds.
     """
     if not equations.numel() or not points.shape[1]:
         return points
     first = 1 + problem.x.numel() + problem.p.numel()
     movable = np.r_[1 : 1 + problem.x.numel(), first : first + problem.x.numel()]
-    evaluate = evaluator(problem, equations, casadi.jacobian(equations, symbols(problem)[movable.tolist()]))
+    evaluate = evaluator(
+        problem, equations, casadi.jacobian(equations, symbols(problem)[movable.tolist()])
+    )
     size, start = spread(problem)[movable], points[movable]
     weights = np.where(np.arange(size.size) < problem.x.numel(), _INERTIA * size, size)[:, None]
     room = _room(problem) if interior else None
@@ -117,7 +153,9 @@ def onto(
     for k in range(_PASSES):
         weight = weights if room is None else np.minimum(weights, room(points[:, active]))
         there, step, left = _newton(evaluate, points[:, active], weight)
-        points[np.ix_(movable, active)] += step  # of those that are there once more: the error squares
+        points[np.ix_(movable, active)] += (
+            step  # of those that are there once more: the error squares
+        )
         arrived[active[there]] = True
         stays = ~there
         if k % _PATIENCE == _PATIENCE - 1:
@@ -130,12 +168,16 @@ def onto(
         return points[:, :0]
     arrived &= (np.abs(points[movable] - start) <= far * size[:, None]).all(axis=0)
     if room is not None:  # an arc on a bound is a boundary arc
-        arrived &= (room(points)[: problem.x.numel()] > _INERTIA * _TOUCH * size[: problem.x.numel(), None]).all(axis=0)
+        arrived &= (
+            room(points)[: problem.x.numel()] > _INERTIA * _TOUCH * size[: problem.x.numel(), None]
+        ).all(axis=0)
     return _within(problem, points[:, arrived])
 
 
 def touching(problem: Problem, held: Expr) -> np.ndarray:
-    """Return admissible points (nv, k) on state equations `held` = 0 (m, 1), however far they have to be moved."""
+    """Return admissible points (nv, k) on state equations `held` = 0 (m, 1), however far they have
+    to be moved.
+    """
     points = admissible(problem)
     near = onto(problem, held, points)
     if near.shape[1]:
@@ -146,7 +188,9 @@ def touching(problem: Problem, held: Expr) -> np.ndarray:
 
 
 def fixed(problem: Problem, held: Expr) -> dict[int, float]:
-    """Return the states, by number, that equations `held` (m, 1) fix one by one, as v = 2 does, and their values."""
+    """Return the states, by number, that equations `held` (m, 1) fix one by one, as v = 2 does, and
+    their values.
+    """
     found = {}
     for e in casadi.vertsplit(held) if held.numel() else []:
         inside = casadi.symvar(e)
@@ -159,10 +203,11 @@ def fixed(problem: Problem, held: Expr) -> dict[int, float]:
 
 
 def nonzero(problem: Problem, expression: Expr, points: np.ndarray) -> np.ndarray:
-    """Tell for every entry of an expression (rows, columns) whether it differs from zero at most of the points.
+    """Tell for every entry of an expression (rows, columns) whether it differs from zero at most of
+    the points.
 
-    An entry counts as zero where a tiny change of the point changes it by its own size: it is round-off, or vanishes
-    on the surface that the points lie on.
+    An entry counts as zero where a tiny change of the point changes it by its own size: it is
+    round-off, or vanishes on the surface that the points lie on.
     """
     if not expression.nnz() or not points.shape[1]:
         return np.zeros(expression.shape, dtype=bool)
@@ -170,16 +215,26 @@ def nonzero(problem: Problem, expression: Expr, points: np.ndarray) -> np.ndarra
     return generic(problem, lambda at: evaluate(at)[0], points)
 
 
-def generic(problem: Problem, value: Callable[[np.ndarray], np.ndarray], points: np.ndarray) -> np.ndarray:
-    """Tell for every entry of value(points) (n, ...) whether it is a number, not round-off, at most of the points."""
+def generic(
+    problem: Problem, value: Callable[[np.ndarray], np.ndarray], points: np.ndarray
+) -> np.ndarray:
+    """Tell for every entry of value(points) (n, ...) whether it is a number, not round-off, at most
+    of the points.
+    """
     most: np.ndarray = real(problem, value, points).mean(axis=0) > 0.5
     return most
 
 
-def real(problem: Problem, value: Callable[[np.ndarray], np.ndarray], points: np.ndarray) -> np.ndarray:
-    """Tell for every entry of value(points) (n, ...) at every point whether it is a number, not round-off."""
+def real(
+    problem: Problem, value: Callable[[np.ndarray], np.ndarray], points: np.ndarray
+) -> np.ndarray:
+    """Tell for every entry of value(points) (n, ...) at every point whether it is a number, not
+    round-off.
+    """
     random, n = np.random.default_rng(1), points.shape[1]
-    size = spread(problem)[:, None]  # not of these points, on which a symbol may be round-off itself
+    size = spread(problem)[
+        :, None
+    ]  # not of these points, on which a symbol may be round-off itself
     moved = [points + _NUDGE * size * random.standard_normal(points.shape) for _ in range(4)]
     values = value(np.hstack([points, *moved]))
     base = values[:n]
@@ -191,7 +246,9 @@ def real(problem: Problem, value: Callable[[np.ndarray], np.ndarray], points: np
 
 
 def _room(problem: Problem) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function of points (nv, n): the step (m, n) in states and costates that is half the way to bounds."""
+    """Return a function of points (nv, n): the step (m, n) in states and costates that is half the
+    way to bounds.
+    """
     nx, (low, high) = problem.x.numel(), (side[:, None] for side in problem.state_box)
     least = _TOUCH * spread(problem)[1 : 1 + nx, None]
 
@@ -203,8 +260,11 @@ def _room(problem: Problem) -> Callable[[np.ndarray], np.ndarray]:
     return room
 
 
-def _newton(evaluate: Evaluate, points: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which points lie on the surface (n,), the steps (m, n), and residuals (n,) relative to their terms.
+def _newton(
+    evaluate: Evaluate, points: np.ndarray, weight: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return which points lie on the surface (n,), the steps (m, n), and residuals (n,) relative to
+    their terms.
 
     Steps are measured by the sizes `weight` (m, n) of the symbols that may move.
     """

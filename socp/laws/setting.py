@@ -1,4 +1,6 @@
-"""Arcs before the singular controls are known: motion, boundary controls and multipliers, and what vanishes."""
+"""Arcs before the singular controls are known: motion, boundary controls and multipliers, and what
+vanishes.
+"""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -12,7 +14,14 @@ import numpy as np
 from socp.errors import MethodError
 from socp.laws import probes as sampled
 from socp.laws.algebra import cramer, primitive, ratio
-from socp.laws.brackets import Flow, extended, flow, hamiltonian_row, hamiltonian_value, switching_row
+from socp.laws.brackets import (
+    Flow,
+    extended,
+    flow,
+    hamiltonian_row,
+    hamiltonian_value,
+    switching_row,
+)
 from socp.model import Constraint, Expr, Problem, column
 
 DEEPEST = 12  # total derivatives tried before an order is called infinite
@@ -23,9 +32,9 @@ DEEPEST = 12  # total derivatives tried before an order is called infinite
 class Setting:
     """What is known of an arc beforehand.
 
-    `given` (nu, 1) holds the controls that are known, as numbers or feedback in x, t, p, and the problem's own symbols
-    for the others. Symbols of controls that are neither singular nor on a constraint are constants, unless they are in
-    `varying`.
+    `given` (nu, 1) holds the controls that are known, as numbers or feedback in x, t, p, and the
+    problem's own symbols for the others. Symbols of controls that are neither singular nor on a
+    constraint are constants, unless they are in `varying`.
     """
 
     problem: Problem
@@ -41,12 +50,16 @@ class Setting:
 
     @cached_property
     def energy(self) -> list[Expr]:
-        """The row of H minus its value where the problem tells it, else none; controls with sigma = 0 drop out of H."""
+        """The row of H minus its value where the problem tells it, else none; controls with sigma =
+        0 drop out of H.
+        """
         value, problem = hamiltonian_value(self.problem), self.problem
         if value is None:
             return []
         idle = column(problem.u[i] for i in (*self.singular, *self.boundary))
-        row = hamiltonian_row(problem, casadi.substitute(self.given, idle, casadi.SX.zeros(idle.numel(), 1)))
+        row = hamiltonian_row(
+            problem, casadi.substitute(self.given, idle, casadi.SX.zeros(idle.numel(), 1))
+        )
         row[problem.x.numel()] -= value
         return [casadi.sparsify(row)]
 
@@ -64,9 +77,10 @@ class Setting:
 class Contact:
     """The boundary part of an arc.
 
-    `control` (nu, 1) has the boundary controls put in, in x, t, p and the singular controls; `towers` are
-    [c, .., c^(q-1)] by constraint name; `flow` carries the multipliers; `rows` vanish on the arc: sigma_j and
-    derivatives; `multipliers` are the rows of mu by constraint name, mu >= 0 where the constraint pushes.
+    `control` (nu, 1) has the boundary controls put in, in x, t, p and the singular controls;
+    `towers` are [c, .., c^(q-1)] by constraint name; `flow` carries the multipliers; `rows` vanish
+    on the arc: sigma_j and derivatives; `multipliers` are the rows of mu by constraint name, mu >=
+    0 where the constraint pushes.
     """
 
     control: Expr
@@ -81,15 +95,20 @@ class Contact:
         return column(e for tower in self.towers.values() for e in tower)
 
 
-def tower(problem: Problem, constraint: Constraint, given: Expr | None = None) -> tuple[list[Expr], Expr]:
-    """Return ([c, c', .., c^(q-1)], c^(q)) of a state constraint, q its order: c^(q) is the first that holds a control.
+def tower(
+    problem: Problem, constraint: Constraint, given: Expr | None = None
+) -> tuple[list[Expr], Expr]:
+    """Return ([c, c', .., c^(q-1)], c^(q)) of a state constraint, q its order: c^(q) is the first
+    that holds a control.
 
-    `given` (nu, 1) may put in known controls, so that the order is that for the others. Raises MethodError where no
-    control appears.
+    `given` (nu, 1) may put in known controls, so that the order is that for the others. Raises
+    MethodError where no control appears.
     """
     motion = flow(problem, problem.u if given is None else given)
     unknown = (
-        problem.u if given is None else column(s for s in casadi.vertsplit(problem.u) if casadi.depends_on(given, s))
+        problem.u
+        if given is None
+        else column(s for s in casadi.vertsplit(problem.u) if casadi.depends_on(given, s))
     )
     held = [constraint.expression]
     at = sampled.touching(problem, column(held))
@@ -106,16 +125,17 @@ def tower(problem: Problem, constraint: Constraint, given: Expr | None = None) -
         if not at.shape[1]:
             break
     raise MethodError(
-        f"problem '{problem.name}': no control appears in the derivatives of state constraint '{constraint.name}' "
-        f"({len(held)} tried): no boundary arc can follow it"
+        f"problem '{problem.name}': no control appears in the derivatives of state constraint "
+        f"'{constraint.name}' ({len(held)} tried): no boundary arc can follow it"
     )
 
 
 def contact(setting: Setting) -> Contact:
-    """Return the boundary controls, the costate's flow with the multipliers put in, and what vanishes.
+    """Return the boundary controls, the costate's flow with the multipliers put in, and what
+    vanishes.
 
-    Raises MethodError where a constraint has no order, a control does not act on its constraint, or the multipliers
-    stay open.
+    Raises MethodError where a constraint has no order, a control does not act on its constraint, or
+    the multipliers stay open.
     """
     problem = setting.problem
     if not setting.boundary:
@@ -130,21 +150,29 @@ def contact(setting: Setting) -> Contact:
     at = sampled.touching(problem, held)
     numerators, denominator = cramer(matrix, -casadi.substitute(column(tops), own, 0))
     if len(towers) < len(setting.boundary) or not sampled.nonzero(problem, denominator, at).all():
-        raise MethodError(f"{setting.name()}: the constraints do not determine these controls one by one")
-    laws = _held_fixed(problem, held, column(ratio(numerators[k], denominator) for k in range(own.numel())))
+        raise MethodError(
+            f"{setting.name()}: the constraints do not determine these controls one by one"
+        )
+    laws = _held_fixed(
+        problem, held, column(ratio(numerators[k], denominator) for k in range(own.numel()))
+    )
     control = casadi.substitute(setting.given, own, laws)
     return _multipliers(setting, Contact(control, towers, flow(problem, control)))
 
 
 def _held_fixed(problem: Problem, held: Expr, laws: Expr) -> Expr:
-    """Put numbers in place of the states that the equations `held` (m, 1) fix one by one: on u = 2 a law u |u| is 4."""
+    """Put numbers in place of the states that the equations `held` (m, 1) fix one by one: on u = 2
+    a law u |u| is 4.
+    """
     for k, value in sampled.fixed(problem, held).items():
         laws = casadi.substitute(laws, problem.x[k], value)
     return laws
 
 
 def _tower(setting: Setting, j: int, constraint: Constraint) -> tuple[list[Expr], Expr]:
-    """Return the tower of a constraint that control j follows; MethodError where it does not act on it."""
+    """Return the tower of a constraint that control j follows; MethodError where it does not act on
+    it.
+    """
     problem = setting.problem
     held, top = tower(problem, constraint)
     with suppress(MethodError):  # other controls act on it, and these are known here
@@ -152,16 +180,20 @@ def _tower(setting: Setting, j: int, constraint: Constraint) -> tuple[list[Expr]
     at = sampled.touching(problem, column(held))
     slopes = sampled.nonzero(problem, casadi.jacobian(top, problem.u), at)[0]
     if not slopes[j]:
-        others = ", ".join(name for name, its in zip(problem.control_names, slopes, strict=True) if its)
+        others = ", ".join(
+            name for name, its in zip(problem.control_names, slopes, strict=True) if its
+        )
         raise MethodError(
-            f"{setting.name()}: control '{problem.control_names[j]}' does not act on '{constraint.name}' "
-            f"(order {len(held)}), {others or 'no control'} does"
+            f"{setting.name()}: control '{problem.control_names[j]}' does not act on "
+            f"'{constraint.name}' (order {len(held)}), {others or 'no control'} does"
         )
     return held, top
 
 
 def _multipliers(setting: Setting, free: Contact) -> Contact:
-    """Put mu into the costate's flow: lambda' = -H_x - sum mu_k dc_k/dx, with sigma_j = 0 kept on the arc."""
+    """Put mu into the costate's flow: lambda' = -H_x - sum mu_k dc_k/dx, with sigma_j = 0 kept on
+    the arc.
+    """
     problem, n = setting.problem, setting.problem.x.numel()
     slopes = casadi.jacobian(column(c.expression for c in setting.boundary.values()), problem.x)
     at = sampled.touching(problem, free.held)
@@ -176,10 +208,15 @@ def _multipliers(setting: Setting, free: Contact) -> Contact:
                 break
             row = _without(setting, top, at)
         else:
-            raise MethodError(f"{setting.name()}: no multiplier appears in the derivatives of its switching function")
+            raise MethodError(
+                f"{setting.name()}: no multiplier appears in the derivatives of its switching "
+                "function"
+            )
         tops.append(top)
         pulls.append(pull)
-    mu = casadi.mtimes(casadi.inv_minor(casadi.densify(casadi.vertcat(*pulls))), casadi.vertcat(*tops))
+    mu = casadi.mtimes(
+        casadi.inv_minor(casadi.densify(casadi.vertcat(*pulls))), casadi.vertcat(*tops)
+    )
     matrix = casadi.SX(free.flow.matrix)
     matrix[:n, :] -= casadi.mtimes(slopes.T, mu)
     multipliers = {c.name: mu[k, :] for k, c in enumerate(setting.boundary.values())}
@@ -187,20 +224,26 @@ def _multipliers(setting: Setting, free: Contact) -> Contact:
 
 
 def _without(setting: Setting, row: Expr, at: np.ndarray) -> Expr:
-    """Return a row without the singular controls that it does not really hold; refuse one that holds them."""
+    """Return a row without the singular controls that it does not really hold; refuse one that
+    holds them.
+    """
     unknown, problem = setting.unknown, setting.problem
     if casadi.depends_on(row, casadi.vertcat(unknown, setting.varying)):
         value = casadi.mtimes(row, extended(problem))
-        if sampled.nonzero(problem, casadi.jacobian(value, casadi.vertcat(unknown, setting.varying)), at).any():
+        if sampled.nonzero(
+            problem, casadi.jacobian(value, casadi.vertcat(unknown, setting.varying)), at
+        ).any():
             raise MethodError(
-                f"{setting.name()}: its multiplier depends on the rate of change of another control; not derived"
+                f"{setting.name()}: its multiplier depends on the rate of change of another "
+                "control; not derived"
             )
         row = casadi.substitute(row, unknown, 0) if unknown.numel() else row
     return row
 
 
 def equations(setting: Setting, touch: Contact, rows: Sequence[Expr]) -> Expr:
-    """Return all that vanishes at points of the arc, as one column: rows times z, state equations, H where it is known.
+    """Return all that vanishes at points of the arc, as one column: rows times z, state equations,
+    H where it is known.
 
     Where all is linear in the costate, its length is fixed to one, so that it cannot vanish.
     """
@@ -208,18 +251,24 @@ def equations(setting: Setting, touch: Contact, rows: Sequence[Expr]) -> Expr:
     stack = casadi.vertcat(*rows, *setting.energy)
     found = casadi.vertcat(casadi.mtimes(stack, extended(problem)), touch.held)
     if homogeneous(problem):
-        size = sampled.spread(problem)[1 + problem.x.numel() + problem.p.numel() :][: problem.x.numel()]
+        size = sampled.spread(problem)[1 + problem.x.numel() + problem.p.numel() :][
+            : problem.x.numel()
+        ]
         found = casadi.vertcat(found, casadi.sumsqr(problem.costate / size) - 1)
     return found
 
 
 def homogeneous(problem: Problem) -> bool:
-    """Tell whether every condition is linear in the costate alone, so that it is known up to its length only."""
+    """Tell whether every condition is linear in the costate alone, so that it is known up to its
+    length only.
+    """
     return not casadi.sparsify(problem.lagrangian).nnz() and not hamiltonian_value(problem)
 
 
 def reduced(row: Expr) -> tuple[Expr, Expr]:
-    """Return (factor, row / factor) where entries share a factor; a lone entry of the constant column keeps its own."""
+    """Return (factor, row / factor) where entries share a factor; a lone entry of the constant
+    column keeps its own.
+    """
     row = casadi.sparsify(row)
     if row.nnz() and not casadi.sparsify(row[: row.numel() - 1]).nnz():
         return casadi.SX(1), row

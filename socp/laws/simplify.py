@@ -1,4 +1,6 @@
-"""Formulas for the reader: expressions put through sympy, and believed only where their values stay the same."""
+"""Formulas for the reader: expressions put through sympy, and believed only where their values stay
+the same.
+"""
 
 import signal
 import threading
@@ -22,16 +24,36 @@ _SAME = 1e-9  # relative difference that two ways to evaluate one formula may ha
 
 _LARGE = 1e4  # numbers in a sum above which they are divided by the least of them
 _NAMES = (
-    "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh",
+    "log",
+    "sqrt",
+    "sin",
+    "cos",
+    "tan",
+    "asin",
+    "acos",
+    "atan",
+    "sinh",
+    "cosh",
+    "tanh",
+    "asinh",
+    "acosh",
+    "atanh",
     "sign",
-)  # fmt: skip
+)
 _OPERATIONS: dict[int, str | Callable[..., Any]] = {
-    **{getattr(casadi, f"OP_{name.upper()}"): name for name in _NAMES}, casadi.OP_FABS: "Abs",
-    casadi.OP_ADD: lambda a, b: a + b, casadi.OP_SUB: lambda a, b: a - b, casadi.OP_MUL: lambda a, b: a * b,
-    casadi.OP_DIV: lambda a, b: a / b, casadi.OP_POW: lambda a, b: a**b, casadi.OP_CONSTPOW: lambda a, b: a**b,
-    casadi.OP_NEG: lambda a: -a, casadi.OP_SQ: lambda a: a**2, casadi.OP_TWICE: lambda a: 2 * a,
+    **{getattr(casadi, f"OP_{name.upper()}"): name for name in _NAMES},
+    casadi.OP_FABS: "Abs",
+    casadi.OP_ADD: lambda a, b: a + b,
+    casadi.OP_SUB: lambda a, b: a - b,
+    casadi.OP_MUL: lambda a, b: a * b,
+    casadi.OP_DIV: lambda a, b: a / b,
+    casadi.OP_POW: lambda a, b: a**b,
+    casadi.OP_CONSTPOW: lambda a, b: a**b,
+    casadi.OP_NEG: lambda a: -a,
+    casadi.OP_SQ: lambda a: a**2,
+    casadi.OP_TWICE: lambda a: 2 * a,
     casadi.OP_INV: lambda a: 1 / a,
-}  # fmt: skip
+}
 
 
 class _TooLongError(Exception):
@@ -39,9 +61,11 @@ class _TooLongError(Exception):
 
 
 def simplified(problem: Problem, expression: Expr, points: np.ndarray) -> Expr:
-    """Return an expression (1, 1) as short as sympy makes it in a few seconds, its values at points (nv, n) unchanged.
+    """Return an expression (1, 1) as short as sympy makes it in a few seconds, its values at points
+    (nv, n) unchanged.
 
-    Returns the expression itself where it cannot be translated, takes too long, or does not come out the same.
+    Returns the expression itself where it cannot be translated, takes too long, or does not come
+    out the same.
     """
     expression = casadi.SX(expression)
     translation = _Translation({s.name(): s for s in casadi.symvar(expression)})
@@ -52,13 +76,22 @@ def simplified(problem: Problem, expression: Expr, points: np.ndarray) -> Expr:
                 back = casadi.SX(translation.back(candidate))
                 if length(back) < length(shortest) and _same(problem, expression, back, points):
                     shortest = back
-    except (_TooLongError, ArithmeticError, ValueError, TypeError, NotImplementedError, RecursionError):
+    except (
+        _TooLongError,
+        ArithmeticError,
+        ValueError,
+        TypeError,
+        NotImplementedError,
+        RecursionError,
+    ):
         return shortest
     return shortest
 
 
 def length(expression: Expr) -> int:
-    """Return how many symbols, numbers and operations an expression is written with, repetitions counted."""
+    """Return how many symbols, numbers and operations an expression is written with, repetitions
+    counted.
+    """
     memo: dict[int, tuple[Expr, int]] = {}
 
     def count(e: Expr) -> int:
@@ -86,7 +119,11 @@ def _candidates(expression: Any, size: int) -> Iterator[Any]:
 def _same(problem: Problem, before: Expr, after: Expr, points: np.ndarray) -> bool:
     a, b = (values.ravel() for values in sampled.evaluator(problem, before, after)(points))
     a, b = a[np.isfinite(a)], b[np.isfinite(a)]
-    alike = np.abs(a - b) <= _SAME * (np.median(np.abs(a)) + np.abs(a)) if a.size else np.zeros(1, dtype=bool)
+    alike = (
+        np.abs(a - b) <= _SAME * (np.median(np.abs(a)) + np.abs(a))
+        if a.size
+        else np.zeros(1, dtype=bool)
+    )
     return bool(alike.mean() >= _MOST)
 
 
@@ -116,14 +153,20 @@ def _limited(seconds: float) -> Iterator[None]:
 @final
 @dataclass(eq=False)
 class _Translation:
-    """Between casadi and sympy. An exponential is one symbol to sympy, which would make huge powers of it."""
+    """Between casadi and sympy. An exponential is one symbol to sympy, which would make huge powers
+    of it.
+    """
 
     symbols: dict[str, Expr]
     memo: dict[int, tuple[Expr, Any]] = field(default_factory=dict)
-    exponentials: list[tuple[Any, Any, Expr]] = field(default_factory=list)  # (exponent, symbol, expression)
+    exponentials: list[tuple[Any, Any, Expr]] = field(
+        default_factory=list
+    )  # (exponent, symbol, expression)
 
     def there(self, e: Expr) -> Any:
-        """Return a casadi expression as a sympy one; _TooLongError where an operation has no translation."""
+        """Return a casadi expression as a sympy one; _TooLongError where an operation has no
+        translation.
+        """
         key = e.element_hash()
         if key not in self.memo:
             self.memo[key] = (e, self._node(e))
@@ -161,7 +204,10 @@ class _Translation:
         import sympy
 
         if e.is_Symbol:
-            return next((whole for _, symbol, whole in self.exponentials if symbol == e), self.symbols.get(e.name))
+            return next(
+                (whole for _, symbol, whole in self.exponentials if symbol == e),
+                self.symbols.get(e.name),
+            )
         if e.is_number:
             return float(e)
         if isinstance(e, sympy.Mul):
@@ -187,7 +233,11 @@ class _Translation:
         terms = sorted(e.args, key=lambda term: bool(term.could_extract_minus_sign()))
         total = self.back(terms[0])
         for term in terms[1:]:
-            total = total - self.back(-term) if term.could_extract_minus_sign() else total + self.back(term)
+            total = (
+                total - self.back(-term)
+                if term.could_extract_minus_sign()
+                else total + self.back(term)
+            )
         return total
 
     def _product(self, e: Any) -> Any:
@@ -199,14 +249,24 @@ class _Translation:
             number, top = number * size, top * self.back(factor)
         for size, factor in map(_content, below.as_ordered_factors()):
             number, bottom = number / size, bottom * self.back(factor)
-        return number * top / bottom if not top.is_constant() or bottom.is_constant() else number / bottom
+        return (
+            number * top / bottom
+            if not top.is_constant() or bottom.is_constant()
+            else number / bottom
+        )
 
 
 def _content(factor: Any) -> tuple[float, Any]:
-    """Split a number off a sum whose numbers are large because denominators were multiplied out of it."""
+    """Split a number off a sum whose numbers are large because denominators were multiplied out of
+    it.
+    """
     import sympy
 
-    numbers = [abs(float(term.as_coeff_Mul()[0])) for term in factor.args] if isinstance(factor, sympy.Add) else []
+    numbers = (
+        [abs(float(term.as_coeff_Mul()[0])) for term in factor.args]
+        if isinstance(factor, sympy.Add)
+        else []
+    )
     if not numbers or max(numbers) < _LARGE:
         return 1.0, factor
     least = min(numbers)

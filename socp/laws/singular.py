@@ -1,4 +1,6 @@
-"""Singular arcs: differentiate the switching functions until the controls appear, and solve for them."""
+"""Singular arcs: differentiate the switching functions until the controls appear, and solve for
+them.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -25,9 +27,9 @@ _BRANCHES = 24  # ways of going on that are tried from one set of points
 class Chain:
     """What the singular controls of an arc satisfy.
 
-    `rows` (each (1, nx + 1)) vanish on the arc; the controls solve `slopes` u = -`rest`, entries [k][l] and [k] being
-    rows, from sigma_k^(2 q_k) / factors[k]; `orders` are the q_k; `goh` counts the rows that come from Goh's condition;
-    `points` (nv, n) lie on the arc's surface.
+    `rows` (each (1, nx + 1)) vanish on the arc; the controls solve `slopes` u = -`rest`, entries
+    [k][l] and [k] being rows, from sigma_k^(2 q_k) / factors[k]; `orders` are the q_k; `goh` counts
+    the rows that come from Goh's condition; `points` (nv, n) lie on the arc's surface.
     """
 
     rows: list[Expr]
@@ -42,9 +44,10 @@ class Chain:
 def chain(setting: Setting, touch: Contact) -> Chain:
     """Differentiate sigma of every singular control until singular controls appear in all of them.
 
-    Where the surface of the conditions has several branches, each is followed until one shows a law. Raises
-    MethodError, naming the case, where no control appears, proved to be so or not, no point satisfies the conditions,
-    the controls do not follow from them, or a control that varies freely would have to be differentiated.
+    Where the surface of the conditions has several branches, each is followed until one shows a
+    law. Raises MethodError, naming the case, where no control appears, proved to be so or not, no
+    point satisfies the conditions, the controls do not follow from them, or a control that varies
+    freely would have to be differentiated.
     """
     first: LostError | None = None
     for points in _sources(setting.problem):
@@ -57,22 +60,30 @@ def chain(setting: Setting, touch: Contact) -> Chain:
             continue
         parts = [found.solved[i] for i in setting.singular]
         return Chain(
-            rows=list(found.rows), rest=[a for a, _, _ in parts], slopes=[b for _, b, _ in parts],
+            rows=list(found.rows),
+            rest=[a for a, _, _ in parts],
+            slopes=[b for _, b, _ in parts],
             factors=[link.factor for _, _, link in parts],
-            orders=[link.depth // 2 for _, _, link in parts], goh=found.goh, points=found.points,
-        )  # fmt: skip
+            orders=[link.depth // 2 for _, _, link in parts],
+            goh=found.goh,
+            points=found.points,
+        )
     raise first or LostError(setting.name())
 
 
 def _sources(problem: Problem) -> Iterator[np.ndarray]:
-    """Yield points (nv, n) to begin from: those that solutions show, random ones, and many of them scattered widely."""
+    """Yield points (nv, n) to begin from: those that solutions show, random ones, and many of them
+    scattered widely.
+    """
     yield from sampled.noted(problem)
     yield sampled.admissible(problem)
     yield sampled.scattered(problem)
 
 
 def _followed(search: Search, budget: list[int]) -> Search:
-    """Return the search with all links solved, by the first way of going on that leads there; depth first."""
+    """Return the search with all links solved, by the first way of going on that leads there; depth
+    first.
+    """
     if not search.now and search.left:
         search = differentiated(search)
     if not search.now:
@@ -94,22 +105,31 @@ def _followed(search: Search, budget: list[int]) -> Search:
 
 
 def _sorted(search: Search) -> tuple[np.ndarray, np.ndarray]:
-    """Tell at which points (n,) the next link holds a singular control, and at which others its rest is left."""
+    """Tell at which points (n,) the next link holds a singular control, and at which others its
+    rest is left.
+    """
     _, rest, slopes = next(iter(search.now.values()))
     if not slopes:  # sigma itself
-        return np.zeros(search.points.shape[1], dtype=bool), np.ones(search.points.shape[1], dtype=bool)
+        return np.zeros(search.points.shape[1], dtype=bool), np.ones(
+            search.points.shape[1], dtype=bool
+        )
     held: np.ndarray = np.any(search.real(slopes), axis=1)
     left: np.ndarray = ~held & search.real([rest])[:, 0]
     return held, left
 
 
 def _aside(search: Search, empty: np.ndarray) -> Iterator[Callable[[], Search]]:
-    """Yield the search begun anew with one costate zero, where the next link is `empty` (n,) at most points.
+    """Yield the search begun anew with one costate zero, where the next link is `empty` (n,) at
+    most points.
 
-    The gradient of a conserved quantity may be added to every costate, and alone it satisfies everything: so one
-    costate may be put to zero, the largest at these points.
+    The gradient of a conserved quantity may be added to every costate, and alone it satisfies
+    everything: so one costate may be put to zero, the largest at these points.
     """
-    if empty.mean() <= 0.5 or len(search.aside) >= _ASIDES or not homogeneous(search.setting.problem):
+    if (
+        empty.mean() <= 0.5
+        or len(search.aside) >= _ASIDES
+        or not homogeneous(search.setting.problem)
+    ):
         return
     j = _largest(search, empty)
     if j not in search.aside and not _closed(search):
@@ -119,8 +139,8 @@ def _aside(search: Search, empty: np.ndarray) -> Iterator[Callable[[], Search]]:
 def _ways(search: Search, held: np.ndarray, open_: np.ndarray) -> Iterator[Callable[[], Search]]:
     """Yield what may be next on the branches that the points lie on, that of most points first.
 
-    Points at which neither the controls nor the rest of the derivative is left, such as a costate that vanishes, decide
-    nothing where there are others.
+    Points at which neither the controls nor the rest of the derivative is left, such as a costate
+    that vanishes, decide nothing where there are others.
     """
     i, (link, rest, slopes) = next(iter(search.now.items()))
     later = {k: each for k, each in search.now.items() if k != i}
@@ -135,7 +155,9 @@ def _ways(search: Search, held: np.ndarray, open_: np.ndarray) -> Iterator[Calla
             name = search.setting.problem.control_names[i]
             what = f"sigma_{name}^({depth}) = 0" if depth else f"sigma_{name} = 0"
             found = search.add(row, what, search.points[:, open_])
-            return replace(found, now=later, left={**search.left, i: Link(row, link.factor * factor, depth)})
+            return replace(
+                found, now=later, left={**search.left, i: Link(row, link.factor * factor, depth)}
+            )
 
         return step
 
@@ -145,15 +167,21 @@ def _ways(search: Search, held: np.ndarray, open_: np.ndarray) -> Iterator[Calla
 
 
 def _largest(search: Search, which: np.ndarray) -> int:
-    """Return the state whose costate is the largest at some points (n,), each costate measured by how it spreads."""
+    """Return the state whose costate is the largest at some points (n,), each costate measured by
+    how it spreads.
+    """
     problem = search.setting.problem
     nx, first = problem.x.numel(), 1 + problem.x.numel() + problem.p.numel()
     size = sampled.spread(problem)[first : first + nx]
-    return int(np.argmax(np.median(np.abs(search.points[first : first + nx, which]), axis=1) / size))
+    return int(
+        np.argmax(np.median(np.abs(search.points[first : first + nx, which]), axis=1) / size)
+    )
 
 
 def _factored(search: Search, row: Expr) -> Iterator[tuple[Expr, Expr]]:
-    """Yield (factor, row) for every way in which a row may vanish: without its common factor, then that factor."""
+    """Yield (factor, row) for every way in which a row may vanish: without its common factor, then
+    that factor.
+    """
     factor, short = reduced(row)
     yield factor, short
     if not factor.is_constant():
@@ -163,21 +191,27 @@ def _factored(search: Search, row: Expr) -> Iterator[tuple[Expr, Expr]]:
 
 
 def _nothing(search: Search, held: int) -> LostError:
-    """Return the error of a link of which nothing is left: whether that is proved, or only all that was found.
+    """Return the error of a link of which nothing is left: whether that is proved, or only all that
+    was found.
 
     At `held` points there was a control, too few to believe in it.
     """
     i, (link, _, _) = next(iter(search.now.items()))
-    name, depth, count = search.setting.problem.control_names[i], _nth(link.depth + 1), search.points.shape[1]
+    name, depth, count = (
+        search.setting.problem.control_names[i],
+        _nth(link.depth + 1),
+        search.points.shape[1],
+    )
     if _closed(search):
         return LostError(
-            f"{search.setting.name()}: sigma_{name} vanishes with all its derivatives from the {depth} on, and no "
-            "singular control appears in them (infinite order): the principle leaves the control open",
+            f"{search.setting.name()}: sigma_{name} vanishes with all its derivatives from the "
+            f"{depth} on, and no singular control appears in them (infinite order): the principle "
+            "leaves the control open",
             proved=True,
         )
     return LostError(
-        f"{search.setting.name()}: no law was found: at {count - held} of {count} points found on sigma_{name} = 0 and "
-        f"its derivatives the {depth} vanishes too, which proves nothing"
+        f"{search.setting.name()}: no law was found: at {count - held} of {count} points found on "
+        f"sigma_{name} = 0 and its derivatives the {depth} vanishes too, which proves nothing"
     )
 
 
@@ -191,20 +225,31 @@ def _nth(k: int) -> str:
 
 
 def _solvable(search: Search) -> Search:
-    """Return a finished search whose conditions determine the controls, at its points where they do."""
+    """Return a finished search whose conditions determine the controls, at its points where they
+    do.
+    """
     names = search.setting.problem.control_names
     odd = [names[i] for i in search.setting.singular if search.solved[i][2].depth % 2]
-    where = _determined(search.setting, [search.solved[i][1] for i in search.setting.singular], search.points)
+    where = _determined(
+        search.setting, [search.solved[i][1] for i in search.setting.singular], search.points
+    )
     if odd or not where.any():
+        why = (
+            f"odd order of {odd[0]}"
+            if odd
+            else "their matrix is singular everywhere: vanishing denominator"
+        )
         raise LostError(
-            f"{search.setting.name()}: the conditions hold these controls but do not determine them "
-            f"({'odd order of ' + odd[0] if odd else 'their matrix is singular everywhere: vanishing denominator'})"
+            f"{search.setting.name()}: the conditions hold these controls but do not determine "
+            f"them ({why})"
         )
     return replace(search, points=search.points[:, where])
 
 
 def regular(setting: Setting, chain: Chain, points: np.ndarray) -> np.ndarray:
-    """Tell at which points (n,) of the surface a chain determines its controls: on trivial branches it does not."""
+    """Tell at which points (n,) of the surface a chain determines its controls: on trivial branches
+    it does not.
+    """
     return _determined(setting, chain.slopes, points)
 
 
@@ -215,4 +260,6 @@ def _determined(setting: Setting, slopes: list[list[Expr]], points: np.ndarray) 
 
 def matrix_of(slopes: list[list[Expr]], z: Expr) -> Expr:
     """Return the matrix (k, k) of rows times z."""
-    return casadi.vertcat(*(casadi.horzcat(*(casadi.mtimes(row, z) for row in line)) for line in slopes))
+    return casadi.vertcat(
+        *(casadi.horzcat(*(casadi.mtimes(row, z) for row in line)) for line in slopes)
+    )

@@ -1,4 +1,6 @@
-"""What a method is, and what it is made of: guess, collocated solve, along a word, polish, digits."""
+"""What a method is, and what it is made of: guess, collocated solve, along a word, polish,
+digits.
+"""
 
 import lazy_loader
 

@@ -1,4 +1,6 @@
-"""The chain from a method to a judged solution: solve, read the structure, re-integrate, certify."""
+"""The chain from a method to a judged solution: solve, read the structure, re-integrate,
+certify.
+"""
 
 import platform
 from collections.abc import Iterator
@@ -18,11 +20,12 @@ from socp.verdict import carrying, judge
 
 
 def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
-    """Solve with a method and return its solution stamped with name, options and versions, verified and judged.
+    """Solve with a method and return its solution stamped with name, options and versions, verified
+    and judged.
 
-    Ctrl-C while it is judged gives the solution without a verdict.
-    Raises MethodError for options out of range and for what the method cannot try, ProblemError for a wrong
-    user-given law and for controls that have no use, ContractError for a method that returns no solution of it.
+    Ctrl-C while it is judged gives the solution without a verdict. Raises MethodError for options
+    out of range and for what the method cannot try, ProblemError for a wrong user-given law and for
+    controls that have no use, ContractError for a method that returns no solution of it.
     """
     check_options(method)
     useful(problem)
@@ -37,7 +40,9 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
             raise
     with held():  # what has been solved is not lost for want of a judgement
         solution = checked(method.name, problem, solved[0])
-        solution = replace(solution, method=method.name, options=described(method), versions=versions())
+        solution = replace(
+            solution, method=method.name, options=described(method), versions=versions()
+        )
         solution = carrying(problem, solution)
         with suppress(KeyboardInterrupt), breakable():
             return judge(problem, solution)
@@ -45,12 +50,18 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
 
 
 def checked(method: str, problem: Problem, found: Any) -> Solution:
-    """Return what a method returned, if it can be a solution of the problem; ContractError says why it cannot."""
+    """Return what a method returned, if it can be a solution of the problem; ContractError says why
+    it cannot.
+    """
     if not isinstance(found, Solution):
-        raise ContractError(f"method '{method}': solve returned {_what(found)}, where a Solution is needed")
+        raise ContractError(
+            f"method '{method}': solve returned {_what(found)}, where a Solution is needed"
+        )
     fault = next(_faults(problem, found), "")
     if fault:
-        raise ContractError(f"method '{method}': solve returned a Solution that is none of this problem: {fault}")
+        raise ContractError(
+            f"method '{method}': solve returned a Solution that is none of this problem: {fault}"
+        )
     return found
 
 
@@ -76,13 +87,21 @@ def _faults(problem: Problem, solution: Any) -> Iterator[str]:
         for which, wanted in names.items():
             shape = np.shape(getattr(arc, which))
             if shape != (len(wanted), np.size(arc.t)):
-                yield f"{which} of an arc has shape {shape}, where {(len(wanted), np.size(arc.t))} is needed"
-    if (solution.state_names, solution.control_names) != (problem.state_names, problem.control_names):
+                yield (
+                    f"{which} of an arc has shape {shape}, where "
+                    f"{(len(wanted), np.size(arc.t))} is needed"
+                )
+    if (solution.state_names, solution.control_names) != (
+        problem.state_names,
+        problem.control_names,
+    ):
         yield f"its states and controls are {solution.state_names} and {solution.control_names}"
 
 
 def described(method: Method) -> dict[str, Any]:
-    """Return the options of a method as plain values, those of a backend under its name: `ipopt.tol`."""
+    """Return the options of a method as plain values, those of a backend under its name:
+    `ipopt.tol`.
+    """
     found: dict[str, Any] = {}
     for each in options(type(method)):
         value = getattr(method, each.name)
@@ -90,7 +109,10 @@ def described(method: Method) -> dict[str, Any]:
             found[each.name] = value
         else:
             name = type(value).__name__.lower()
-            found |= {each.name: name, **{f"{name}.{k}": v for k, v in getattr(value, "options", {}).items()}}
+            found |= {
+                each.name: name,
+                **{f"{name}.{k}": v for k, v in getattr(value, "options", {}).items()},
+            }
     return found
 
 

@@ -1,4 +1,6 @@
-"""Methods: the one abstract class of the plugin contract, its options, and the solve that most methods share."""
+"""Methods: the one abstract class of the plugin contract, its options, and the solve that most
+methods share.
+"""
 
 import abc
 import math
@@ -18,11 +20,16 @@ from socp.transcription import Mesh, PhasedProblem, collocate
 LARGEST = 100_000  # steps, points or arcs: programmes of more do not fit into memory
 WANTED = {int: "a whole number", float: "a number", bool: "true or false", str: "a text"}  # by type
 
-_LONGER = (2.0, 5.0, 12.0)  # horizons tried, over the guessed one; the guess is of the right order of magnitude
+_LONGER = (
+    2.0,
+    5.0,
+    12.0,
+)  # horizons tried, over the guessed one; the guess is of the right order of magnitude
 
 
 class Method(abc.ABC):
-    """A way to solve problems; concrete methods are final frozen dataclasses whose fields are their options.
+    """A way to solve problems; concrete methods are final frozen dataclasses whose fields are their
+    options.
 
     Fields are made by `option`; `source` names the paper the method comes from.
     """
@@ -39,7 +46,8 @@ class Method(abc.ABC):
 
 
 def option(default: Any, doc: str, *, least: float | None = None, most: float | None = None) -> Any:
-    """Declare an option of a method: its default, one line for the user, the least and the greatest value allowed.
+    """Declare an option of a method: its default, one line for the user, the least and the greatest
+    value allowed.
 
     A whole number without a greatest value of its own is at most `LARGEST`.
     """
@@ -68,13 +76,17 @@ def check_options(method: Method) -> None:
 
 
 def allowed(each: Field[Any], *, whole: bool) -> tuple[float | None, float | None]:
-    """Return the least and the greatest value of an option that is a number, None where there is no limit."""
+    """Return the least and the greatest value of an option that is a number, None where there is no
+    limit.
+    """
     least, most = each.metadata.get("least"), each.metadata.get("most")
     return least, LARGEST if most is None and whole else most
 
 
 def _of(value: Any, kind: type) -> bool:
-    """Tell whether a value can stand for an option of a type; a flag is no number, and no number is infinite."""
+    """Tell whether a value can stand for an option of a type; a flag is no number, and no number is
+    infinite.
+    """
     if isinstance(value, bool) or kind is bool:
         return isinstance(value, bool) and kind is bool
     if kind is float:
@@ -91,13 +103,19 @@ def _in_range(place: str, value: float, each: Field[Any], *, whole: bool) -> Non
 
 
 def solve_collocated(
-    phased: PhasedProblem, meshes: Sequence[Mesh], backend: Backend, guess: Solution, watch: Watch = silent,
-    *, longer: bool = True,
-) -> Solution:  # fmt: skip
+    phased: PhasedProblem,
+    meshes: Sequence[Mesh],
+    backend: Backend,
+    guess: Solution,
+    watch: Watch = silent,
+    *,
+    longer: bool = True,
+) -> Solution:
     """Transcribe a phased problem on one mesh a phase, solve it with a backend, and lift the point.
 
-    Unless `longer` is false: a solver that shortens a free horizon too eagerly gets caught where no control can meet
-    the ends any more. Then the ends are met with longer horizons held fixed first, and the horizon is set free there.
+    Unless `longer` is false: a solver that shortens a free horizon too eagerly gets caught where no
+    control can meet the ends any more. Then the ends are met with longer horizons held fixed first,
+    and the horizon is set free there.
     """
     solution = _attempt(phased, meshes, backend, guess, watch)
     low, high = phased.of.final_time_box
@@ -126,17 +144,23 @@ def _attempt(
     transcribed = time.perf_counter() - began
     point = backend(reduced.problem, start, lifted(watch, reduced))
     solution = reduced.lift(point)
-    return replace(solution, seconds={**point.seconds, "build": point.seconds.get("build", 0.0) + transcribed})
+    return replace(
+        solution, seconds={**point.seconds, "build": point.seconds.get("build", 0.0) + transcribed}
+    )
 
 
 def lifted(watch: Watch, reduced: Reduced[NLP, Solution, NLPPoint]) -> Watch:
-    """Return a watch whose progress can be lifted to the solution that it stands for; a silent one stays silent."""
+    """Return a watch whose progress can be lifted to the solution that it stands for; a silent one
+    stays silent.
+    """
     if watch is silent:
         return silent
 
     def see(now: Progress, /) -> bool:
         v = now.v
-        return watch(now if v is None else replace(now, iterate=lambda: reduced.lift(NLPPoint(v=v))))
+        return watch(
+            now if v is None else replace(now, iterate=lambda: reduced.lift(NLPPoint(v=v)))
+        )
 
     return see
 

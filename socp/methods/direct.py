@@ -1,4 +1,6 @@
-"""Scouting: coarse direct solves from scattered guesses, to find the extremals of a problem and which one is best."""
+"""Scouting: coarse direct solves from scattered guesses, to find the extremals of a problem and
+which one is best.
+"""
 
 from collections.abc import Iterator
 from itertools import islice
@@ -12,21 +14,25 @@ from socp.transcription import collocate, radau_iia, single_phase, uniform
 
 _STEPS = 20  # intervals: the extremals of a problem differ by more than these are off
 _BACKEND = Ipopt({"tol": 1e-6, "max_iter": 150})  # to tell extremals apart takes no digits
-_ALIKE = 1e-3  # relative: objectives of one extremal from different starts differ by rounding; of two, clearly
+# Relative: objectives of one extremal from different starts differ by rounding; of two, clearly
+_ALIKE = 1e-3
 _MET = 3  # starts that end in the best extremal known before it is believed to be the best
 
 
 def scouts(problem: Problem, guess: Solution, starts: int, watch: Watch = silent) -> list[Solution]:
-    """Return one coarse solution for every extremal met from the guess and scattered ones, best first.
+    """Return one coarse solution for every extremal met from the guess and scattered ones, best
+    first.
 
-    At most `starts` guesses are tried, none for 0; it ends once the best extremal has been met three times. An
-    interrupted solve is returned alone.
+    At most `starts` guesses are tried, none for 0; it ends once the best extremal has been met
+    three times. An interrupted solve is returned alone.
     """
     reduced = collocate(single_phase(problem), [uniform(radau_iia(2), _STEPS)])
     met: list[tuple[Solution, int]] = []
     for start in islice(_guesses(problem, guess), starts):
         try:
-            found = reduced.lift(_BACKEND(reduced.problem, reduced.push(start), lifted(watch, reduced)))
+            found = reduced.lift(
+                _BACKEND(reduced.problem, reduced.push(start), lifted(watch, reduced))
+            )
         except SolveError:
             continue
         if found.stop is Stop.INTERRUPTED:
@@ -46,6 +52,8 @@ def _guesses(problem: Problem, guess: Solution) -> Iterator[Solution]:
 def counted(met: list[tuple[Solution, int]], found: Solution) -> list[tuple[Solution, int]]:
     """Count one more solution among those met, clustered by objective, best first."""
     for k, (known, count) in enumerate(met):
-        if abs(known.objective - found.objective) <= _ALIKE * (abs(known.objective) + abs(found.objective)):
+        if abs(known.objective - found.objective) <= _ALIKE * (
+            abs(known.objective) + abs(found.objective)
+        ):
             return [*met[:k], (known, count + 1), *met[k + 1 :]]
     return sorted([*met, (found, 1)], key=lambda pair: pair[0].objective)

@@ -1,4 +1,6 @@
-"""The guess of a problem: what its file says, straight lines and the middle of the box elsewhere."""
+"""The guess of a problem: what its file says, straight lines and the middle of the box
+elsewhere.
+"""
 
 import itertools
 from collections.abc import Iterator
@@ -15,10 +17,11 @@ _NODES = 101  # a guess that varies in time is sampled as finely as a plot would
 
 
 def default_guess(problem: Problem) -> Solution:
-    """Return a straight-line guess with one arc: from start to end, controls as near to zero as their box allows.
+    """Return a straight-line guess with one arc: from start to end, controls as near to zero as
+    their box allows.
 
-    What the problem's own `guess` says takes precedence. A free final time is estimated from how fast the box of
-    controls can move the states over the distance they have to go.
+    What the problem's own `guess` says takes precedence. A free final time is estimated from how
+    fast the box of controls can move the states over the distance they have to go.
     """
     first = _within(problem.guess.get(initial_time), problem.initial_time_box, 0.0)
     x0, xf = ends(problem)
@@ -48,27 +51,51 @@ def default_guess(problem: Problem) -> Solution:
 def guess_of(
     problem: Problem, t: np.ndarray, x: np.ndarray, u: np.ndarray, p: dict[str, float] | None = None
 ) -> Solution:
-    """Return values at times t (n,), x (nx, n) and u (nu, n) as a piecewise linear guess of one arc."""
+    """Return values at times t (n,), x (nx, n) and u (nu, n) as a piecewise linear guess of one
+    arc.
+    """
     unknown = np.full_like(x, np.nan)
-    arc = Arc(t=t, x=x, u=u, costate=unknown, mesh=np.arange(t.size), side="both", modes=("*",) * u.shape[0])
+    arc = Arc(
+        t=t,
+        x=x,
+        u=u,
+        costate=unknown,
+        mesh=np.arange(t.size),
+        side="both",
+        modes=("*",) * u.shape[0],
+    )
     return Solution(
-        problem=problem.name, method="guess", arcs=(arc,), objective=float("nan"), stop=Stop.FAILED, message="a guess",
-        state_names=problem.state_names, control_names=problem.control_names, parameters=p or {},
-    )  # fmt: skip
+        problem=problem.name,
+        method="guess",
+        arcs=(arc,),
+        objective=float("nan"),
+        stop=Stop.FAILED,
+        message="a guess",
+        state_names=problem.state_names,
+        control_names=problem.control_names,
+        parameters=p or {},
+    )
 
 
 def scattered(problem: Problem, guess: Solution, seed: int = 0) -> Iterator[Solution]:
-    """Yield guesses without end, spread over what the problem's bounds and magnitudes allow, in opposite pairs.
+    """Yield guesses without end, spread over what the problem's bounds and magnitudes allow, in
+    opposite pairs.
 
-    Every state leaves the given guess for a plateau up to its own magnitude away, every control is constant in its box,
-    the horizon is up to twice or half as long; the second of a pair moves everything the other way.
+    Every state leaves the given guess for a plateau up to its own magnitude away, every control is
+    constant in its box, the horizon is up to twice or half as long; the second of a pair moves
+    everything the other way.
     """
     random = np.random.default_rng(seed)
     t, x, sizes = guess.t, guess.rows("x"), scales(problem, guess)[:, None]
     share = (t - t[0]) / (t[-1] - t[0])
-    plateau = np.sin(np.pi * share) ** 0.25  # near 1, but 0 at the ends: it leaves the given states there
+    plateau = (
+        np.sin(np.pi * share) ** 0.25
+    )  # near 1, but 0 at the ends: it leaves the given states there
     low, high = problem.box
-    free = problem.initial_time_box[0] < problem.initial_time_box[1] or np.ptp(problem.final_time_box) > 0
+    free = (
+        problem.initial_time_box[0] < problem.initial_time_box[1]
+        or np.ptp(problem.final_time_box) > 0
+    )
     while True:
         row = random.uniform(-1.0, 1.0, x.shape[0] + low.size + 1)
         for side in (row, -row):
@@ -80,30 +107,54 @@ def scattered(problem: Problem, guess: Solution, seed: int = 0) -> Iterator[Solu
 
 
 def split(guess: Solution, lengths: list[float]) -> Solution:
-    """Return a guess cut into arcs of the given relative or absolute lengths, rescaled to the guess's own horizon."""
+    """Return a guess cut into arcs of the given relative or absolute lengths, rescaled to the
+    guess's own horizon.
+    """
     share = np.cumsum([0.0, *lengths]) / sum(lengths)
     corners = guess.initial_time + share * (guess.final_time - guess.initial_time)
     arcs = []
     for a, b in itertools.pairwise(corners):
         t = np.linspace(a, b, _NODES)
         x, u, costate = (guess.at(t, which) for which in ("x", "u", "costate"))
-        arcs.append(Arc(t=t, x=x, u=u, costate=costate, mesh=np.arange(t.size), side="both", modes=("*",) * u.shape[0]))
+        arcs.append(
+            Arc(
+                t=t,
+                x=x,
+                u=u,
+                costate=costate,
+                mesh=np.arange(t.size),
+                side="both",
+                modes=("*",) * u.shape[0],
+            )
+        )
     fields: dict[str, Any] = {
-        name: getattr(guess, name) for name in ("problem", "state_names", "control_names", "parameters")
+        name: getattr(guess, name)
+        for name in ("problem", "state_names", "control_names", "parameters")
     }
     return Solution(
-        method="guess", arcs=tuple(arcs), objective=float("nan"), stop=Stop.FAILED, message="a guess", **fields
+        method="guess",
+        arcs=tuple(arcs),
+        objective=float("nan"),
+        stop=Stop.FAILED,
+        message="a guess",
+        **fields,
     )
 
 
 def arranged(problem: Problem, solution: Solution, word: Word) -> Solution:
-    """Return a solution as a guess with the arcs of a word, cut where its controls fit the word best.
+    """Return a solution as a guess with the arcs of a word, cut where its controls fit the word
+    best.
 
-    The cuts minimise the summed misfit of a uniform grid of intervals to the modes they fall into, by dynamic
-    programming.
+    The cuts minimise the summed misfit of a uniform grid of intervals to the modes they fall into,
+    by dynamic programming.
     """
     t = np.linspace(solution.initial_time, solution.final_time, 2 * _NODES + 1)[1::2]
-    cost = np.array([sum(misfit(problem, solution, i, mode, t) for i, mode in enumerate(arc)) for arc in word.arcs])
+    cost = np.array(
+        [
+            sum(misfit(problem, solution, i, mode, t) for i, mode in enumerate(arc))
+            for arc in word.arcs
+        ]
+    )
     total = np.cumsum(cost, axis=1)
     best, cuts = total[0], []
     for row in total[1:]:  # best[n]: least misfit of the first n + 1 intervals to the arcs so far

@@ -1,4 +1,6 @@
-"""Polish: Newton on the switching and boundary conditions of a word, and digits counted by comparing two meshes."""
+"""Polish: Newton on the switching and boundary conditions of a word, and digits counted by
+comparing two meshes.
+"""
 
 from dataclasses import dataclass, replace
 from typing import final
@@ -10,17 +12,20 @@ from socp.transcription import Shooting, whole
 from socp.verdict import AWAY, Conditions, System, posed, steps_of
 
 _NEWTON = 8  # steps: from a collocated solution two or three do
-_DONE = 1e-13  # of the variables' magnitudes: a step below it is rounding, which may keep it at some times as much
+# Of the variables' magnitudes: a step below it is rounding, which may keep it at some times as much
+_DONE = 1e-13
 _ROUNDING = 100.0
 
 
 def polished(problem: Problem, solution: Solution, points: int = 10) -> Solution | None:
-    """Return a solution along a word with its conditions solved by Newton to rounding, or None where that fails.
+    """Return a solution along a word with its conditions solved by Newton to rounding, or None
+    where that fails.
 
-    The first-order conditions of the shooting equations in arc lengths, free ends, parameters and multipliers are the
-    boundary, transversality and switching conditions of the word: the multiplier of a joint is the costate of the rest
-    of the horizon, and the slope in the length of an arc is the jump of the Hamiltonian. Its `agreement` is that of two
-    meshes: with as many steps as the motion needs, and with twice as many.
+    The first-order conditions of the shooting equations in arc lengths, free ends, parameters and
+    multipliers are the boundary, transversality and switching conditions of the word: the
+    multiplier of a joint is the costate of the rest of the horizon, and the slope in the length of
+    an arc is the jump of the Hamiltonian. Its `agreement` is that of two meshes: with as many steps
+    as the motion needs, and with twice as many.
     """
     known = posed(problem, solution, points)
     steps = None if known is None else steps_of(known[0], known[1])
@@ -53,7 +58,9 @@ class _Settled:
 
 
 def _newton(conditions: Conditions) -> _Settled | None:
-    """Solve the first-order conditions; None where Newton does not settle nearby, or a limit would rather be left."""
+    """Solve the first-order conditions; None where Newton does not settle nearby, or a limit would
+    rather be left.
+    """
     start, signs, size = conditions.shooting.start, conditions.shooting.laid[2], conditions.size
     at, held = start, conditions.multipliers(start)
     for _ in range(_NEWTON):
@@ -64,7 +71,10 @@ def _newton(conditions: Conditions) -> _Settled | None:
             return None
         if np.abs(moved / size).max() <= _DONE:
             break
-    if np.abs(moved / size).max() > _ROUNDING * _DONE or (signs * held < -_DONE * np.abs(held).max()).any():
+    if (
+        np.abs(moved / size).max() > _ROUNDING * _DONE
+        or (signs * held < -_DONE * np.abs(held).max()).any()
+    ):
         return None
     if system.open(np.eye(size.size)).any():
         return None

@@ -1,4 +1,6 @@
-"""Solve along a given word: laws on every arc, free lengths, meshes refined until the states have converged."""
+"""Solve along a given word: laws on every arc, free lengths, meshes refined until the states have
+converged.
+"""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -10,7 +12,8 @@ from socp.solvers import Backend, Ipopt
 from socp.transcription import PhasedProblem, follow, jointed, lgr, refined, tails, uniform, whole
 from socp.verdict import verify
 
-_MISSED = 1e-9  # of the re-integrated control: collocation of smooth motion at the default tolerance stays below
+# Of the re-integrated control: collocation of smooth motion at the default tolerance stays below
+_MISSED = 1e-9
 _WHOLE = 4  # intervals that a whole horizon starts with: few motions are smooth enough for less
 _NEAR = 10.0  # times the tolerance: an estimate as near as this is put to the test
 _PASSES = 8  # meshes tried; each multiplies the intervals of an arc by up to four
@@ -21,10 +24,11 @@ _PASSES = 8  # meshes tried; each multiplies the intervals of an arc by up to fo
 class Follower:
     """How to solve along a word.
 
-    points: collocation points an interval; intervals: fixed number of intervals an arc, 0 for as many as needed;
-    tolerance: size of the states' last Legendre coefficients, relative, that ends refinement; boxed: impose the box of
-    the controls on the values of the laws, which a right word keeps by itself; longer: meet the ends with longer
-    horizons first where the guess leads nowhere; dwell: least length of every arc.
+    points: collocation points an interval; intervals: fixed number of intervals an arc, 0 for as
+    many as needed; tolerance: size of the states' last Legendre coefficients, relative, that ends
+    refinement; boxed: impose the box of the controls on the values of the laws, which a right word
+    keeps by itself; longer: meet the ends with longer horizons first where the guess leads nowhere;
+    dwell: least length of every arc.
     """
 
     points: int = 10
@@ -35,17 +39,26 @@ class Follower:
     dwell: float = 0.0
     backend: Backend = field(default_factory=lambda: Ipopt({"tol": 1e-11}))
 
-    def __call__(self, problem: Problem, word: Word, guess: Solution, watch: Watch = silent) -> Solution:
-        """Solve along a word from one guess; raises MethodError where a law of the word cannot be had."""
+    def __call__(
+        self, problem: Problem, word: Word, guess: Solution, watch: Watch = silent
+    ) -> Solution:
+        """Solve along a word from one guess; raises MethodError where a law of the word cannot be
+        had.
+        """
         phased = follow(problem, word)
         length = (self.dwell, math.inf)
         phases = tuple(replace(phase, boxed=self.boxed, length=length) for phase in phased.phases)
         phased = replace(phased, phases=phases)
-        meshes = [uniform(lgr(self.points), self.intervals or count) for count in _counts(guess, len(phased.phases))]
+        meshes = [
+            uniform(lgr(self.points), self.intervals or count)
+            for count in _counts(guess, len(phased.phases))
+        ]
         solution = solve_collocated(phased, meshes, self.backend, guess, watch, longer=self.longer)
         if self.intervals or not sound(problem, solution):
             return solution
-        cut = None if self.dwell else jointed(phased, solution, self.points)  # a part of an arc may be shorter
+        cut = (
+            None if self.dwell else jointed(phased, solution, self.points)
+        )  # a part of an arc may be shorter
         if cut is not None:
             parts, start, meshes, pieces = cut
             found = solve_collocated(parts, meshes, self.backend, start, watch)
@@ -56,7 +69,9 @@ class Follower:
         return self._refined(phased, solution, watch)
 
     def _refined(self, phased: PhasedProblem, solution: Solution, watch: Watch) -> Solution:
-        """Solve on finer meshes until the states have converged, or the solver is not content any more."""
+        """Solve on finer meshes until the states have converged, or the solver is not content any
+        more.
+        """
         problem, tolerance = phased.of, self.tolerance
         for _ in range(_PASSES):
             scale = scales(problem, solution)
@@ -65,16 +80,21 @@ class Follower:
                 break  # another mesh costs more than this look
             finer = refined(solution.arcs, scale, self.points, tolerance)
             if finer is None:
-                tolerance /= 100.0  # where the motion is not smooth the end of an interval is no better than its inside
+                # Where the motion is not smooth the end of an interval is no better than its inside
+                tolerance /= 100.0
                 continue
-            solution = solve_collocated(phased, finer, self.backend, solution, watch).after(solution)
+            solution = solve_collocated(phased, finer, self.backend, solution, watch).after(
+                solution
+            )
             if not sound(problem, solution):
                 break
         return solution
 
 
 def _counts(guess: Solution, arcs: int) -> list[int]:
-    """Return how many intervals every arc starts with: one, or its share of those of a whole horizon."""
+    """Return how many intervals every arc starts with: one, or its share of those of a whole
+    horizon.
+    """
     if len(guess.arcs) != arcs:
         return [1] * arcs
     lengths = [float(arc.t[-1] - arc.t[0]) for arc in guess.arcs]
@@ -82,7 +102,11 @@ def _counts(guess: Solution, arcs: int) -> list[int]:
 
 
 def sound(problem: Problem, solution: Solution) -> bool:
-    """Tell whether the solver is content and the laws stay in the box, which the programme need not impose."""
+    """Tell whether the solver is content and the laws stay in the box, which the programme need not
+    impose.
+    """
     low, high = problem.box[0][:, None], problem.box[1][:, None]
     margin = 1e-6 * (high - low)  # beyond the solver's own tolerance
-    return solution.stop.ok and all(((arc.u >= low - margin) & (arc.u <= high + margin)).all() for arc in solution.arcs)
+    return solution.stop.ok and all(
+        ((arc.u >= low - margin) & (arc.u <= high + margin)).all() for arc in solution.arcs
+    )

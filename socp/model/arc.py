@@ -14,10 +14,11 @@ Which = Literal["x", "u", "costate"]
 class Arc:
     """One arc: nodes in time with the values there.
 
-    t (n,) increasing; x (nx, n); u (nu, n); costate (nx, n), nan where unknown; modes: one a control, as a word spells
-    them; multipliers: state constraint -> density (n,), nan at nodes of no weight. `mesh` (k + 1,) holds the indices of
-    the nodes where the arc's k intervals begin and end; on each the state is the polynomial through all of its nodes,
-    the control the one through those of its nodes that are collocated: all but the ends that `side` leaves out.
+    t (n,) increasing; x (nx, n); u (nu, n); costate (nx, n), nan where unknown; modes: one a
+    control, as a word spells them; multipliers: state constraint -> density (n,), nan at nodes of
+    no weight. `mesh` (k + 1,) holds the indices of the nodes where the arc's k intervals begin and
+    end; on each the state is the polynomial through all of its nodes, the control the one through
+    those of its nodes that are collocated: all but the ends that `side` leaves out.
     """
 
     t: np.ndarray
@@ -39,12 +40,15 @@ class Arc:
     def at(self, t: Any, which: Which = "x", seen: Any = None) -> np.ndarray:
         """Evaluate x, u or costate at times t (k,) inside the arc; returns (rows, k).
 
-        Where intervals meet the later one counts, or that of the times `seen` (k,) where they are given.
+        Where intervals meet the later one counts, or that of the times `seen` (k,) where they are
+        given.
         """
         values: np.ndarray = getattr(self, which)
         t = np.atleast_1d(np.asarray(t, dtype=float))
         place = t if seen is None else np.atleast_1d(np.asarray(seen, dtype=float))
-        interval = np.clip(np.searchsorted(self.t[self.mesh], place, side="right") - 1, 0, len(self.mesh) - 2)
+        interval = np.clip(
+            np.searchsorted(self.t[self.mesh], place, side="right") - 1, 0, len(self.mesh) - 2
+        )
         out = np.empty((values.shape[0], t.size))
         for k in np.unique(interval):
             here, nodes = interval == k, self.nodes(int(k), which)
@@ -53,26 +57,41 @@ class Arc:
 
 
 def joined(arcs: Sequence[Arc]) -> Arc:
-    """Return neighbouring arcs of the same modes as one, with the intervals of all; a shared node is the later arc's.
+    """Return neighbouring arcs of the same modes as one, with the intervals of all; a shared node
+    is the later arc's.
 
-    So their controls and costates are those of the later arc there, as at any node between two intervals.
+    So their controls and costates are those of the later arc there, as at any node between two
+    intervals.
     """
     first = np.cumsum([0, *(arc.t.size - 1 for arc in arcs[:-1])])
 
     def row(values: Sequence[np.ndarray]) -> np.ndarray:
         return np.concatenate([*(each[..., :-1] for each in values[:-1]), values[-1]], axis=-1)
 
-    mesh = np.unique(np.concatenate([arc.mesh + start for arc, start in zip(arcs, first, strict=True)]))
-    names = arcs[0].multipliers if all(arc.multipliers.keys() == arcs[0].multipliers.keys() for arc in arcs) else ()
+    mesh = np.unique(
+        np.concatenate([arc.mesh + start for arc, start in zip(arcs, first, strict=True)])
+    )
+    names = (
+        arcs[0].multipliers
+        if all(arc.multipliers.keys() == arcs[0].multipliers.keys() for arc in arcs)
+        else ()
+    )
     return Arc(
-        t=row([arc.t for arc in arcs]), x=row([arc.x for arc in arcs]), u=row([arc.u for arc in arcs]), mesh=mesh,
-        costate=row([arc.costate for arc in arcs]), side=arcs[0].side, modes=arcs[0].modes,
+        t=row([arc.t for arc in arcs]),
+        x=row([arc.x for arc in arcs]),
+        u=row([arc.u for arc in arcs]),
+        mesh=mesh,
+        costate=row([arc.costate for arc in arcs]),
+        side=arcs[0].side,
+        modes=arcs[0].modes,
         multipliers={name: row([arc.multipliers[name] for arc in arcs]) for name in names},
-    )  # fmt: skip
+    )
 
 
 def lagrange(nodes: np.ndarray, values: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Evaluate the polynomial through (nodes (p,), values (r, p)) at t (k,), barycentrically; returns (r, k)."""
+    """Evaluate the polynomial through (nodes (p,), values (r, p)) at t (k,), barycentrically;
+    returns (r, k).
+    """
     span = float(np.ptp(nodes))
     if nodes.size == 1 or span == 0.0:
         return np.repeat(values[:, :1], t.size, axis=1)
@@ -80,7 +99,9 @@ def lagrange(nodes: np.ndarray, values: np.ndarray, t: np.ndarray) -> np.ndarray
     if weights is None:
         return np.array([np.interp(t, nodes, row) for row in values])
     distance = t[:, None] - nodes[None, :]
-    hit = np.abs(distance) <= 1e-15 * span  # as near as this the quotient overflows, and the value is the node's
+    hit = (
+        np.abs(distance) <= 1e-15 * span
+    )  # as near as this the quotient overflows, and the value is the node's
     distance[hit] = 1.0
     terms = weights / distance
     total = terms.sum(axis=1, keepdims=True)
@@ -93,7 +114,9 @@ def lagrange(nodes: np.ndarray, values: np.ndarray, t: np.ndarray) -> np.ndarray
 
 
 def barycentric(nodes: np.ndarray) -> np.ndarray | None:
-    """Return the barycentric weights of nodes (p,), None where an interval is so short that rounding merges them."""
+    """Return the barycentric weights of nodes (p,), None where an interval is so short that
+    rounding merges them.
+    """
     if nodes.size < 2 or np.diff(nodes).min() <= 1e-15 * np.abs(nodes).max():
         return None
     # an interval of length 4 has capacity 1: products stay near 1

@@ -10,20 +10,37 @@ import numpy as np
 from socp.errors import ProblemError
 from socp.model import advice, keys, ranges, scene
 from socp.model.graph import not_affine
-from socp.model.symbols import Expr, final_time, initial, initial_time, is_logical, is_number, relation, role, time
+from socp.model.symbols import (
+    Expr,
+    final_time,
+    initial,
+    initial_time,
+    is_logical,
+    is_number,
+    relation,
+    role,
+    time,
+)
 from socp.process import a, plainly, shown
 
 if TYPE_CHECKING:
     from socp.model.problem import Problem
 
 _TIMES = (initial_time, final_time)
-_POINTS = 8  # random points at which a control's effect is looked for: a term that acts shows at nearly every one
+# Random points at which a control's effect is looked for: a term that acts shows at nearly every
+# one
+_POINTS = 8
 
 
 def expressions(problem: "Problem") -> list[Expr]:
     """Return every expression of the problem, relations included."""
     laws = [law for _, law in boundary_laws(problem.boundary)]
-    parts = [problem.minimise, problem.running, *problem.dynamics.values(), *problem.target.values()]
+    parts = [
+        problem.minimise,
+        problem.running,
+        *problem.dynamics.values(),
+        *problem.target.values(),
+    ]
     parts += [*problem.path.values(), *problem.singular.values(), *laws]
     return [casadi.SX(part) for part in parts if part is not None]
 
@@ -38,7 +55,9 @@ def boundary_laws(boundary: Mapping[Expr, Any]) -> Iterator[tuple[str | None, Ex
 
 
 def validate(problem: "Problem") -> None:
-    """Raise ProblemError, naming problem and offender, unless the problem is well posed as written."""
+    """Raise ProblemError, naming problem and offender, unless the problem is well posed as
+    written.
+    """
     try:
         keys.check(problem)
         scene.check(problem.scene)
@@ -54,7 +73,9 @@ def validate(problem: "Problem") -> None:
 
 
 def placed(problem: "Problem") -> Iterator[tuple[str, Expr]]:
-    """Yield (where it stands, expression) for everything but bounds, ends and guesses; relations as left - right."""
+    """Yield (where it stands, expression) for everything but bounds, ends and guesses; relations as
+    left - right.
+    """
     yield from ((f"dynamics of '{state}'", rate) for state, rate in problem.dynamics.items())
     costs = (("minimise", problem.minimise), ("running", problem.running))
     yield from ((place, e) for place, e in costs if e is not None)
@@ -62,13 +83,17 @@ def placed(problem: "Problem") -> Iterator[tuple[str, Expr]]:
     for control, law in problem.boundary.items():
         laws = law.values() if isinstance(law, Mapping) else [law]
         yield from ((f"boundary law of '{control}'", each) for each in laws)
-    yield from ((f"target '{name}'", relation(c, f"target '{name}'")[0]) for name, c in problem.target.items())
+    yield from (
+        (f"target '{name}'", relation(c, f"target '{name}'")[0])
+        for name, c in problem.target.items()
+    )
     for name, constraint in problem.path.items():
         left, equation = relation(constraint, f"path '{name}'")
         if equation:
             raise ProblemError(
-                f"path '{name}': an equation; a path constraint is c(x, t) <= 0; where an equation holds all the way, "
-                "eliminate a state by it; one at the end goes into target"
+                f"path '{name}': an equation; a path constraint is c(x, t) <= 0; where an "
+                "equation holds all the way, eliminate a state by it; one at the end goes into "
+                "target"
             )
         yield f"path '{name}'", left
     yield from scene.placed(problem.scene)
@@ -76,18 +101,23 @@ def placed(problem: "Problem") -> Iterator[tuple[str, Expr]]:
 
 def _expressions(problem: "Problem") -> None:
     if problem.minimise is None and problem.running is None:
-        raise ProblemError("no objective: give minimise (a Mayer term) or running (an integrand), or both")
+        raise ProblemError(
+            "no objective: give minimise (a Mayer term) or running (an integrand), or both"
+        )
     for place, expression in placed(problem):
         if not isinstance(expression, casadi.SX) and not is_number(expression):
             what = f"is not an expression (it is {a(expression)})"
-            raise ProblemError(f"{place}: {shown(expression)} {what}{advice.expression(expression)}")
+            raise ProblemError(
+                f"{place}: {shown(expression)} {what}{advice.expression(expression)}"
+            )
         scalar = casadi.SX(expression)
         if scalar.shape != (1, 1):
             raise ProblemError(f"{place}: shape {scalar.shape} where one number is needed")
         if is_logical(scalar):
             raise ProblemError(
-                f"{place}: {plainly(scalar)} is a relation, true or false, where a quantity is needed; "
-                "relations go into path and target; of two cases, write casadi's if_else(x > 0, a, b)"
+                f"{place}: {plainly(scalar)} is a relation, true or false, where a quantity is "
+                "needed; relations go into path and target; of two cases, write casadi's "
+                "if_else(x > 0, a, b)"
             )
         _finite(place, scalar)
 
@@ -96,9 +126,13 @@ def _finite(place: str, expression: Expr) -> None:
     """Refuse nan and infinity anywhere inside an expression: no solver recovers from either."""
     function = casadi.Function("part", casadi.symvar(expression), [expression])
     for k in range(function.n_instructions()):
-        if function.instruction_id(k) != casadi.OP_CONST or math.isfinite(function.instruction_constant(k)):
+        if function.instruction_id(k) != casadi.OP_CONST or math.isfinite(
+            function.instruction_constant(k)
+        ):
             continue
-        why = advice.not_finite(function.instruction_constant(k), ends=place.startswith(("target", "path")))
+        why = advice.not_finite(
+            function.instruction_constant(k), ends=place.startswith(("target", "path"))
+        )
         raise ProblemError(f"{place}: {plainly(expression)} where a finite value is needed; {why}")
 
 
@@ -114,21 +148,29 @@ def _symbols(problem: "Problem") -> None:
                 raise ProblemError(f"{place}: state '{symbol}' has no dynamics")
             if kind == "control" and not with_controls:
                 raise ProblemError(
-                    f"{place}: uses the control '{symbol}'; allowed are states, parameters and times"
-                    f"{_cure(place, expression)}"
+                    f"{place}: uses the control '{symbol}'; allowed are states, parameters and "
+                    f"times{_cure(place, expression)}"
                 )
             if kind == "control" and symbol not in problem.bounds:
-                raise ProblemError(f"control '{symbol}' has no bounds; give bounds={{{symbol}: (lower, upper)}}")
+                raise ProblemError(
+                    f"control '{symbol}' has no bounds; give bounds={{{symbol}: (lower, upper)}}"
+                )
             if kind == "parameter" and place.startswith("scene") and symbol not in used:
-                raise ProblemError(f"{place}: parameter '{symbol}' is in no other expression of the problem")
+                raise ProblemError(
+                    f"{place}: parameter '{symbol}' is in no other expression of the problem"
+                )
             if kind is None and symbol not in (at_ends if ends else {time}):
                 raise ProblemError(f"{place}: unknown symbol '{symbol}'{_hint(symbol, ends=ends)}")
 
 
 def _cure(place: str, expression: Expr) -> str:
-    """Return what to write where a control stands in a path constraint or a condition of the end."""
+    """Return what to write where a control stands in a path constraint or a condition of the
+    end.
+    """
     if place.startswith("path"):
-        return "; " + advice.mixed([s.name() for s in casadi.symvar(expression) if role(s) == "control"])
+        return "; " + advice.mixed(
+            [s.name() for s in casadi.symvar(expression) if role(s) == "control"]
+        )
     if place == "minimise":
         return "; what depends on controls all along the way goes into running"
     return ""
@@ -145,15 +187,24 @@ def _hint(symbol: Expr, *, ends: bool) -> str:
 
 
 def _used(problem: "Problem") -> None:
-    """Check that what is bounded, guessed or measured is part of the problem, and that names tell symbols apart."""
+    """Check that what is bounded, guessed or measured is part of the problem, and that names tell
+    symbols apart.
+    """
     used = {s for e in expressions(problem) for s in casadi.symvar(e)}
     states = list(problem.dynamics)
     controls = [symbol for symbol in problem.bounds if role(symbol) == "control"]
     parameters = [symbol for symbol in used if role(symbol) == "parameter"]
     for control in controls:
         if control not in used:
-            raise ProblemError(f"bounds: control '{control}' acts on nothing; it is in no dynamics and not in running")
-    lacking = {"state": "dynamics", "control": "bounds", "parameter": "place in any expression of the problem"}
+            raise ProblemError(
+                f"bounds: control '{control}' acts on nothing; it is in no dynamics and not in "
+                "running"
+            )
+    lacking = {
+        "state": "dynamics",
+        "control": "bounds",
+        "parameter": "place in any expression of the problem",
+    }
     for table in keys.KINDS:
         for symbol in getattr(problem, table):
             kind = role(symbol)
@@ -190,53 +241,83 @@ def _acting(problem: "Problem") -> None:
 
 
 def useful(problem: "Problem") -> None:
-    """Raise ProblemError for a problem that cannot be solved for its controls: without any, or with one for nothing.
+    """Raise ProblemError for a problem that cannot be solved for its controls: without any, or with
+    one for nothing.
 
-    What matters is the cost, a state with an end or a bound, and the conditions; what moves one of these matters too.
-    Of a control that moves nothing that matters any value is as good, and none could be told right.
+    What matters is the cost, a state with an end or a bound, and the conditions; what moves one of
+    these matters too. Of a control that moves nothing that matters any value is as good, and none
+    could be told right.
     """
     place = f"problem '{problem.name}'"
     if not problem.control_names:
-        what = "no control; a problem to solve has one at least: bounds={u: (lower, upper)}, u in a rate or in running"
+        what = (
+            "no control; a problem to solve has one at least: bounds={u: (lower, upper)}, u in a "
+            "rate or in running"
+        )
         raise ProblemError(f"{place}: {what}")
     matters = [problem.lagrangian, problem.mayer]
-    matters += [c.expression for c in problem.constraints] + [c.expression for c in problem.conditions]
+    matters += [c.expression for c in problem.constraints] + [
+        c.expression for c in problem.conditions
+    ]
     seen = {s for e in matters for s in casadi.symvar(e)} | {*problem.end}
     known: set[Expr] = set()
     while known != seen:
         known = set(seen)
-        seen |= {s for state in known & {*problem.dynamics} for s in casadi.symvar(casadi.SX(problem.dynamics[state]))}
+        seen |= {
+            s
+            for state in known & {*problem.dynamics}
+            for s in casadi.symvar(casadi.SX(problem.dynamics[state]))
+        }
     for control in casadi.vertsplit(problem.u):
         if control not in seen:
-            what = "it moves neither the objective nor a state that has an end, a bound or a part in another's rate"
-            raise ProblemError(f"{place}: control '{control}' does nothing: {what}; any value is as good; leave it out")
+            what = (
+                "it moves neither the objective nor a state that has an end, a bound or a part "
+                "in another's rate"
+            )
+            raise ProblemError(
+                f"{place}: control '{control}' does nothing: {what}; any value is as good; leave "
+                "it out"
+            )
 
 
 def _zero(column_: Expr) -> bool:
-    """Tell whether a column of expressions vanishes wherever it can be computed, by values at random points."""
+    """Tell whether a column of expressions vanishes wherever it can be computed, by values at
+    random points.
+    """
     if column_.nnz() == 0:
         return True
     unknown = casadi.vertcat(*casadi.symvar(column_))
-    function, random = casadi.Function("column", [unknown], [casadi.densify(column_)]), np.random.default_rng(0)
+    function, random = (
+        casadi.Function("column", [unknown], [casadi.densify(column_)]),
+        np.random.default_rng(0),
+    )
     values = [function(random.uniform(-2.0, 2.0, unknown.numel())).full() for _ in range(_POINTS)]
     known = [value for value in values if np.isfinite(value).all()]
     return bool(known) and not any(value.any() for value in known)
 
 
 def _named(problem: "Problem") -> None:
-    """Check the names of constraints and conditions, by which laws, words and results refer to them."""
+    """Check the names of constraints and conditions, by which laws, words and results refer to
+    them.
+    """
     bounds = [f"{name}.{side}" for name in problem.state_names for side in ("lower", "upper")]
     for name in problem.path:
         if name in bounds:
-            raise ProblemError(f"path '{name}': this is the name of a state's bound; choose another")
+            raise ProblemError(
+                f"path '{name}': this is the name of a state's bound; choose another"
+            )
     for name in problem.target:
         if name in {*problem.state_names, "initial time", "final time"}:
             raise ProblemError(f"target '{name}': this names an end value already; choose another")
     names = [constraint.name for constraint in problem.constraints]
     for control, law in problem.boundary.items():
         if not names:
-            raise ProblemError(f"boundary law of '{control}': the problem has no state constraint to follow")
+            raise ProblemError(
+                f"boundary law of '{control}': the problem has no state constraint to follow"
+            )
         for name in law if isinstance(law, Mapping) else []:
             if name not in names:
                 there = ", ".join(names)
-                raise ProblemError(f"boundary law of '{control}': no state constraint '{name}'; there are {there}")
+                raise ProblemError(
+                    f"boundary law of '{control}': no state constraint '{name}'; there are {there}"
+                )

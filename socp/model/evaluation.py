@@ -12,15 +12,19 @@ def parameters_of(problem: Problem, solution: Solution) -> np.ndarray:
 
 
 def scales(problem: Problem, solution: Solution) -> np.ndarray:
-    """Return the magnitude of every state (nx,): the largest of its bounds, its ends and its size on the solution.
+    """Return the magnitude of every state (nx,): the largest of its bounds, its ends and its size
+    on the solution.
 
-    It serves to scale; what a solution claims is not measured by it, since a claimed state may be of any size.
+    It serves to scale; what a solution claims is not measured by it, since a claimed state may be
+    of any size.
     """
     return sizes(problem, solution.rows("x"))
 
 
 def sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
-    """Return the magnitude of every state (nx,): the largest of its bounds, its ends and its size on states (nx, n)."""
+    """Return the magnitude of every state (nx,): the largest of its bounds, its ends and its size
+    on states (nx, n).
+    """
     given = np.vstack([problem.state_box, problem.start_box, problem.end_box])
     given = np.where(np.isfinite(given), np.abs(given), 0.0).max(axis=0)
     magnitude: np.ndarray = np.maximum(given, np.nanmax(np.abs(x), axis=1, initial=0.0))

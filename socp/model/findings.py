@@ -1,4 +1,6 @@
-"""Records of a solution: how feasible it is, what a search tried, how far two computations of it agree."""
+"""Records of a solution: how feasible it is, what a search tried, how far two computations of it
+agree.
+"""
 
 import math
 from collections.abc import Mapping
@@ -15,14 +17,15 @@ from socp.model.views import view
 class Feasibility:
     """What an independent integration of the returned control says.
 
-    Every figure is relative to the problem's own magnitudes (see `socp.model.evaluation.sizes`), which no returned state
-    enlarges. `miss`: worst violation of start, end and target conditions by the re-integrated end point, at the
-    condition `miss_at`; `path`: worst violation of a state constraint along the way, at `path_at`; `box`: worst
-    violation of a control bound; `drift`: largest distance between the re-integrated and the returned states, at any
-    node; `gap`: distance between the re-integrated and the returned objective. `feedback` tells whether laws were
-    integrated as feedback (True) or the control as a function of time (False). `end` is the re-integrated final state
-    (nx,) and `objective` the re-integrated objective, in the problem's units; nan where it is not known. `error` holds
-    the reason where the integration broke down.
+    Every figure is relative to the problem's own magnitudes (see `socp.model.evaluation.sizes`),
+    which no returned state enlarges. `miss`: worst violation of start, end and target conditions by
+    the re-integrated end point, at the condition `miss_at`; `path`: worst violation of a state
+    constraint along the way, at `path_at`; `box`: worst violation of a control bound; `drift`:
+    largest distance between the re-integrated and the returned states, at any node; `gap`: distance
+    between the re-integrated and the returned objective. `feedback` tells whether laws were
+    integrated as feedback (True) or the control as a function of time (False). `end` is the
+    re-integrated final state (nx,) and `objective` the re-integrated objective, in the problem's
+    units; nan where it is not known. `error` holds the reason where the integration broke down.
     """
 
     miss: float
@@ -39,7 +42,9 @@ class Feasibility:
 
     @property
     def off(self) -> float:
-        """Largest of all figures: the violations, and how far the motion and its objective are from what is claimed."""
+        """Largest of all figures: the violations, and how far the motion and its objective are from
+        what is claimed.
+        """
         figures = (self.worst, self.drift, self.gap)
         return float("inf") if np.isnan(figures).any() else max(figures)
 
@@ -47,11 +52,15 @@ class Feasibility:
     def off_at(self) -> str:
         """What the largest figure is of, as text."""
         found = {
-            f"end condition {self.miss_at}": self.miss, f"state constraint {self.path_at}": self.path,
-            "box of the controls": self.box, "states other than the returned ones": self.drift,
+            f"end condition {self.miss_at}": self.miss,
+            f"state constraint {self.path_at}": self.path,
+            "box of the controls": self.box,
+            "states other than the returned ones": self.drift,
             f"objective {self.objective:.6g}, not the returned one": self.gap,
-        }  # fmt: skip
-        return self.error or max(found, key=lambda what: np.inf if np.isnan(found[what]) else found[what])
+        }
+        return self.error or max(
+            found, key=lambda what: np.inf if np.isnan(found[what]) else found[what]
+        )
 
     @property
     def worst(self) -> float:
@@ -63,9 +72,11 @@ class Feasibility:
 @final
 @dataclass(frozen=True, kw_only=True)
 class Node:
-    """One node of a search over words: what was tried and what came of it; nan where it is not known.
+    """One node of a search over words: what was tried and what came of it; nan where it is not
+    known.
 
-    `bound` is a proved lower bound of the objective, `miss` and `residual` those of the node's verdict.
+    `bound` is a proved lower bound of the objective, `miss` and `residual` those of the node's
+    verdict.
     """
 
     word: str
@@ -79,7 +90,8 @@ class Node:
 @final
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """How far two computations of a solution are apart: objective, relative, and switching times, in the time's units.
+    """How far two computations of a solution are apart: objective, relative, and switching times,
+    in the time's units.
 
     They differ in the mesh alone, or in method: a solver's tolerance says nothing of either.
     """
@@ -93,12 +105,15 @@ class Agreement:
         return int(np.clip(-np.log10(max(self.objective, 1e-15)), 0, 15))
 
 
-# one per cent of the magnitude of states and objective: what a second-order grid of some hundred steps reaches
+# one per cent of the magnitude of states and objective: what a second-order grid of some hundred
+# steps reaches
 FEASIBLE = 1e-2
-# residuals of the principle, relative to the Hamiltonian's own terms: six digits, which no grid reaches by luck
+# residuals of the principle, relative to the Hamiltonian's own terms: six digits, which no grid
+# reaches by luck
 EXTREMAL = 1e-6
-# of the horizon: a shorter arc is none. What it is worth is at most its share of the horizon times the Hamiltonian's
-# magnitude, in which residuals are measured: below their tolerance no condition tells it from none
+# of the horizon: a shorter arc is none. What it is worth is at most its share of the horizon times
+# the Hamiltonian's magnitude, in which residuals are measured: below their tolerance no condition
+# tells it from none
 SHORTEST = EXTREMAL
 # half as much variation again as the control's running mean: more than the shape of any arc adds
 RINGS = 1.5
@@ -107,10 +122,11 @@ RINGS = 1.5
 @final
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One condition of Pontryagin's principle: its worst residual over the Hamiltonian's magnitude, where and when.
+    """One condition of Pontryagin's principle: its worst residual over the Hamiltonian's magnitude,
+    where and when.
 
-    `residual` is dimensionless; it holds if it is at most `EXTREMAL`. `wants` is the mode (+ or -) that the switching
-    function asks for there, where the condition is about one.
+    `residual` is dimensionless; it holds if it is at most `EXTREMAL`. `wants` is the mode (+ or -)
+    that the switching function asks for there, where the condition is about one.
     """
 
     condition: str
@@ -135,21 +151,28 @@ class Finding:
 class Verdict:
     """The judgement of one solution by `socp.verdict.certify.certify`.
 
-    - miss: the largest figure of re-integration, relative: a violation of ends, state constraints or box, or how far
-      the motion and its objective are from the states and the objective returned; miss_at: what it is of, as text;
+    - miss: the largest figure of re-integration, relative: a violation of ends, state
+      constraints or box, or how far the motion and its objective are from the states and the
+      objective returned; miss_at: what it is of, as text;
     - findings: every condition of the principle with its residual;
-    - distance: the least worst-case residual that any multipliers leave, found by a linear programme over all nodes, in
-      the magnitude of the findings; None where the first multipliers already served;
-    - chattering: controls that jump onto or off a singular arc of even order, which no finite word allows;
-    - normality: the cost's own share of the Hamiltonian's magnitude, near 0 for an abnormal extremal;
-    - legendre_clebsch: singular stretch -> the generalised Legendre-Clebsch expression at its worst, relative, not
-    negative;
-    - margins: bang stretch -> how far its switching function comes to the right side of zero, relative;
+    - distance: the least worst-case residual that any multipliers leave, found by a linear
+      programme over all nodes, in the magnitude of the findings; None where the first
+      multipliers already served;
+    - chattering: controls that jump onto or off a singular arc of even order, which no finite
+      word allows;
+    - normality: the cost's own share of the Hamiltonian's magnitude, near 0 for an abnormal
+      extremal;
+    - legendre_clebsch: singular stretch -> the generalised Legendre-Clebsch expression at its
+      worst, relative, not negative;
+    - margins: bang stretch -> how far its switching function comes to the right side of zero,
+      relative;
     - ringing: control -> total variation over that of its running mean, 1 for none;
-    - objective_error, in the objective's units, and switch_errors, pairs (switching time, error): estimates, an
-    infinite error belongs to a time that the conditions leave open;
-    - flat: pairs (switching time from bound to bound, how far around it the switching function is as small as there);
-    - remaining_error: the part of objective_error that is left where the tolerance of re-integration does not count;
+    - objective_error, in the objective's units, and switch_errors, pairs (switching time,
+      error): estimates, an infinite error belongs to a time that the conditions leave open;
+    - flat: pairs (switching time from bound to bound, how far around it the switching function
+      is as small as there);
+    - remaining_error: the part of objective_error that is left where the tolerance of
+      re-integration does not count;
     - digits: significant digits of the objective that objective_error leaves.
     """
 
@@ -181,25 +204,38 @@ class Verdict:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """What stands against the solution being an extremal, worst first; empty if nothing does."""
+        """What stands against the solution being an extremal, worst first; empty if nothing
+        does.
+        """
         broken = sorted((f for f in self.findings if not f.holds), key=lambda f: -f.residual)
         found = [str(finding) for finding in broken]
         if not self.miss <= EXTREMAL:
             what = f": {self.miss_at}" if self.miss_at else ""
             found.insert(0, f"the re-integrated control is off by {self.miss:.1e}{what}")
-        level = min(self.residual, EXTREMAL)  # a sign shows only where it stands out of the residuals
+        level = min(
+            self.residual, EXTREMAL
+        )  # a sign shows only where it stands out of the residuals
         found += [
-            f"no strict sign of the switching function on {k}: {m:.1e}" for k, m in self.margins.items() if m <= level
+            f"no strict sign of the switching function on {k}: {m:.1e}"
+            for k, m in self.margins.items()
+            if m <= level
         ]
         found += [
-            f"Legendre-Clebsch condition on {k}: {v:.1e}" for k, v in self.legendre_clebsch.items() if v < -EXTREMAL
+            f"Legendre-Clebsch condition on {k}: {v:.1e}"
+            for k, v in self.legendre_clebsch.items()
+            if v < -EXTREMAL
         ]
-        found += [f"{name} jumps onto or off a singular arc of even order: it chatters" for name in self.chattering]
+        found += [
+            f"{name} jumps onto or off a singular arc of even order: it chatters"
+            for name in self.chattering
+        ]
         return tuple(found)
 
     @property
     def extremal(self) -> bool:
-        """Whether every condition of the principle holds within `EXTREMAL`, feasibility and strict signs included."""
+        """Whether every condition of the principle holds within `EXTREMAL`, feasibility and strict
+        signs included.
+        """
         return bool(self.findings) and not self.reasons
 
     def _repr_html_(self) -> str:
@@ -213,7 +249,9 @@ class Verdict:
 
 
 def digits_of(error: float, objective: float, most: int = 13) -> int:
-    """Return the significant digits of an objective that an error leaves, none where it is not known."""
+    """Return the significant digits of an objective that an error leaves, none where it is not
+    known.
+    """
     relative = error / max(abs(objective), 1e-300)
     if not math.isfinite(relative):
         return 0

@@ -1,4 +1,6 @@
-"""Is an expression affine in given symbols? Decided by walking through its operations, kinks and steps included."""
+"""Is an expression affine in given symbols? Decided by walking through its operations, kinks and
+steps included.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
@@ -11,18 +13,23 @@ from socp.model.symbols import Expr
 
 _SUMS = {casadi.OP_ADD, casadi.OP_SUB, casadi.OP_NEG, casadi.OP_TWICE, casadi.OP_ASSIGN}
 Held = frozenset[int]  # places of symbols in u
-Bent = dict[int, int]  # place in u -> casadi's number of the operation that the symbol enters otherwise than affinely
+Bent = dict[
+    int, int
+]  # place in u -> casadi's number of the operation that the symbol enters otherwise than affinely
 
 
 def not_affine(expression: Expr, u: Expr) -> Bent:
-    """Return the places in u (nu, 1) of the symbols that a scalar expression is not affine in, each with what bends it.
+    """Return the places in u (nu, 1) of the symbols that a scalar expression is not affine in, each
+    with what bends it.
 
-    A product of two affine factors counts as curved in both, even if later terms cancel it. Derivatives would not do:
-    those of sign(u), or of if_else(u > 0, ..), vanish.
+    A product of two affine factors counts as curved in both, even if later terms cancel it.
+    Derivatives would not do: those of sign(u), or of if_else(u > 0, ..), vanish.
     """
     others = [s for s in casadi.symvar(expression) if not casadi.depends_on(s, u)]
     function = casadi.Function("part", [u, casadi.vertcat(*others)], [expression])
-    work: dict[int, tuple[Held, Bent]] = {}  # register -> (symbols held affinely, symbols held otherwise)
+    work: dict[
+        int, tuple[Held, Bent]
+    ] = {}  # register -> (symbols held affinely, symbols held otherwise)
     for k in range(function.n_instructions()):
         operation, output = function.instruction_id(k), function.instruction_output(k)
         if operation == casadi.OP_CONST:
@@ -34,7 +41,9 @@ def not_affine(expression: Expr, u: Expr) -> Bent:
             found = work[function.instruction_input(k)[0]][1]
             return {place: found[place] for place in sorted(found)}
         else:
-            work[output[0]] = _combined(operation, [work[register] for register in function.instruction_input(k)])
+            work[output[0]] = _combined(
+                operation, [work[register] for register in function.instruction_input(k)]
+            )
     return {}
 
 
@@ -59,13 +68,19 @@ Operations = Mapping[int, Callable[..., Any]]
 
 
 def walked(
-    expressions: Expr, symbols: Expr, values: Sequence[Any], operations: Operations,
-    constant: Callable[[float], Any] = float, unknown: Callable[..., Any] | None = None,
-) -> list[Any]:  # fmt: skip
-    """Evaluate expressions (m, 1) of symbols (n, 1) at n values of any kind; returns m of that kind.
+    expressions: Expr,
+    symbols: Expr,
+    values: Sequence[Any],
+    operations: Operations,
+    constant: Callable[[float], Any] = float,
+    unknown: Callable[..., Any] | None = None,
+) -> list[Any]:
+    """Evaluate expressions (m, 1) of symbols (n, 1) at n values of any kind; returns m of that
+    kind.
 
-    `operations` maps casadi's operation codes to functions of values, `constant` makes a value of a number. Where an
-    operation is missing, `unknown` is called in its place; without one, MethodError names the operation.
+    `operations` maps casadi's operation codes to functions of values, `constant` makes a value of a
+    number. Where an operation is missing, `unknown` is called in its place; without one,
+    MethodError names the operation.
     """
     function = casadi.Function("walked", [symbols], [casadi.densify(expressions)])
     found: list[Any] = [constant(0.0)] * expressions.numel()
@@ -81,8 +96,13 @@ def walked(
         else:
             called = operations.get(operation, unknown)
             if called is None:
-                raise MethodError(f"the expression holds '{operation_name(operation)}', which has no translation here")
-            work[output[0]] = called(*(work[register] for register in function.instruction_input(k)))
+                raise MethodError(
+                    f"the expression holds '{operation_name(operation)}', which has no "
+                    "translation here"
+                )
+            work[output[0]] = called(
+                *(work[register] for register in function.instruction_input(k))
+            )
     return found
 
 
@@ -93,4 +113,8 @@ def operation_name(operation: int) -> str:
 
 @cache
 def _names() -> dict[int, str]:
-    return {int(getattr(casadi, name)): name[3:].lower() for name in dir(casadi) if name.startswith("OP_")}
+    return {
+        int(getattr(casadi, name)): name[3:].lower()
+        for name in dir(casadi)
+        if name.startswith("OP_")
+    }

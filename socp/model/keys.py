@@ -1,4 +1,6 @@
-"""The tables of a problem: its name, what kind of symbol may stand as a key in which, and names of conditions."""
+"""The tables of a problem: its name, what kind of symbol may stand as a key in which, and names of
+conditions.
+"""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -11,13 +13,31 @@ from socp.process import a, plainly, short, shown
 if TYPE_CHECKING:
     from socp.model.problem import Problem
 
-TABLES = ("dynamics", "bounds", "start", "end", "target", "path", "singular", "boundary", "guess", "units")
+TABLES = (
+    "dynamics",
+    "bounds",
+    "start",
+    "end",
+    "target",
+    "path",
+    "singular",
+    "boundary",
+    "guess",
+    "units",
+)
 KINDS = {  # what may stand as a key, by table; other tables take names
-    "dynamics": ("state",), "start": ("state",), "end": ("state",), "singular": ("control",), "boundary": ("control",),
-    "bounds": ("state", "control", "parameter"), "guess": ("state", "control", "parameter"),
+    "dynamics": ("state",),
+    "start": ("state",),
+    "end": ("state",),
+    "singular": ("control",),
+    "boundary": ("control",),
+    "bounds": ("state", "control", "parameter"),
+    "guess": ("state", "control", "parameter"),
     "units": ("state", "control", "parameter"),
-}  # fmt: skip
-_LONGEST = 100  # characters of a problem's name: with .socp.json behind it, every file system takes it
+}
+_LONGEST = (
+    100  # characters of a problem's name: with .socp.json behind it, every file system takes it
+)
 _TIMES = (initial_time, final_time)
 
 
@@ -38,18 +58,26 @@ def check(problem: "Problem") -> None:
 
 def label(name: Any) -> str:
     """Return a problem's name for the start of a message, whatever it is."""
-    return f"'{name}'" if isinstance(name, str) and len(name) <= _LONGEST and name.isprintable() else shown(name)
+    return (
+        f"'{name}'"
+        if isinstance(name, str) and len(name) <= _LONGEST and name.isprintable()
+        else shown(name)
+    )
 
 
 def _name(name: Any) -> None:
     if not isinstance(name, str) or not name.strip():
         raise ProblemError("name: a problem needs a name, a string that is not empty")
     if len(name) > _LONGEST:
-        raise ProblemError(f"name: has {len(name)} characters; at most {_LONGEST}, as results are named after it")
+        raise ProblemError(
+            f"name: has {len(name)} characters; at most {_LONGEST}, as results are named after it"
+        )
     bad = next((sign for sign in name if sign in "/\\" or not sign.isprintable()), None)
     if bad is not None or name.startswith("."):
         what = "starts with a dot" if bad is None else f"holds {bad!a}"
-        raise ProblemError(f"name: {name!a} {what}; results are named after it, so that no file could be")
+        raise ProblemError(
+            f"name: {name!a} {what}; results are named after it, so that no file could be"
+        )
 
 
 def _reference(given: Any) -> None:
@@ -59,9 +87,13 @@ def _reference(given: Any) -> None:
         raise ProblemError(f"reference: {shown(given)} where a Reference(objective=...) is needed")
     for name in ("objective", "tolerance"):
         if not is_number(getattr(given, name)):
-            raise ProblemError(f"reference {name}: {shown(getattr(given, name))} where a number is needed")
+            raise ProblemError(
+                f"reference {name}: {shown(getattr(given, name))} where a number is needed"
+            )
     if not isinstance(given.switches, (tuple, list)) or not all(map(is_number, given.switches)):
-        raise ProblemError(f"reference switches: {shown(given.switches)} where times (t1, t2, ...) are needed")
+        raise ProblemError(
+            f"reference switches: {shown(given.switches)} where times (t1, t2, ...) are needed"
+        )
     for name in ("word", "source"):
         _string(f"reference {name}", getattr(given, name))
 
@@ -73,10 +105,13 @@ def _keys(problem: "Problem") -> None:
     for table in ("target", "path"):
         for name in getattr(problem, table):
             if not isinstance(name, str) or not name.strip():
-                raise ProblemError(f"{table}: {shown(name)} where the condition's name, a string, is needed")
+                raise ProblemError(
+                    f"{table}: {shown(name)} where the condition's name, a string, is needed"
+                )
             if table == "path" and any(sign in "[];" or sign.isspace() for sign in name):
                 raise ProblemError(
-                    f"path: {shown(name)}: a word names it as b[{short(name)}], so that it may hold no blank, [ ] or ;"
+                    f"path: {shown(name)}: a word names it as b[{short(name)}], so that it may "
+                    "hold no blank, [ ] or ;"
                 )
     for symbol, unit in problem.units.items():
         _string(f"units of '{symbol}'", unit)
@@ -88,7 +123,9 @@ def _string(place: str, value: Any) -> None:
 
 
 def _key(table: str, key: Any, kinds: tuple[str, ...]) -> None:
-    if is_symbol(key) and ((table == "guess" and key in set(_TIMES)) or (table == "units" and key in {time, *_TIMES})):
+    if is_symbol(key) and (
+        (table == "guess" and key in set(_TIMES)) or (table == "units" and key in {time, *_TIMES})
+    ):
         return
     kind, last = role(key), " or a ".join(kinds)
     if is_symbol(key) and key in set(_TIMES) and table == "bounds":
@@ -96,6 +133,8 @@ def _key(table: str, key: Any, kinds: tuple[str, ...]) -> None:
         raise ProblemError(f"bounds: '{key}' has its own entry; write {entry}=(lower, upper)")
     if kind is None:
         what = "is not declared" if is_symbol(key) else f"is no symbol (it is {a(key)})"
-        raise ProblemError(f"{table}: '{plainly(key)}' {what}; a {last} made by {kinds[0]}s(...) goes here")
+        raise ProblemError(
+            f"{table}: '{plainly(key)}' {what}; a {last} made by {kinds[0]}s(...) goes here"
+        )
     if kind not in kinds:
         raise ProblemError(f"{table}: '{key}' is a {kind}; a {last} goes here")

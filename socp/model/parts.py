@@ -1,4 +1,6 @@
-"""Parts of a problem: named state constraints, named end conditions, known values to compare with."""
+"""Parts of a problem: named state constraints, named end conditions, known values to compare
+with.
+"""
 
 from dataclasses import dataclass
 from typing import final
@@ -18,7 +20,9 @@ class Constraint:
 @final
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """An end condition psi = 0 (equation) or psi <= 0 on x(t0), x(tf), t0, tf and the parameters."""
+    """An end condition psi = 0 (equation) or psi <= 0 on x(t0), x(tf), t0, tf and the
+    parameters.
+    """
 
     name: str
     expression: Expr

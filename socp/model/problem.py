@@ -33,9 +33,21 @@ from socp.model.symbols import (
 from socp.model.views import view
 
 __all__ = [
-    "Condition", "Constraint", "Expr", "Problem", "Reference", "Scene", "controls", "final_time", "free", "initial",
-    "initial_time", "parameters", "states", "time",
-]  # fmt: skip
+    "Condition",
+    "Constraint",
+    "Expr",
+    "Problem",
+    "Reference",
+    "Scene",
+    "controls",
+    "final_time",
+    "free",
+    "initial",
+    "initial_time",
+    "parameters",
+    "states",
+    "time",
+]
 
 
 @final
@@ -47,14 +59,15 @@ class Problem:
     subject to  x' = dynamics(x, u, t, p),  bounds on controls and states,  path c(x, t, p) <= 0,
     start, end and target conditions.
 
-    A number in `start`, `end`, `initial_time` or `final_time` fixes the value, a pair is an interval, and what is left
-    out is free. In `minimise` and `target` a state stands for its value at the final time, `initial(x)` for that at the
-    initial time. `singular` and `boundary` give feedback laws by control (`boundary` by state constraint too, where
-    several act on one control: `{f: {"u.upper": 4}}`). `guess` gives a number, a (start, end) pair or an expression of
-    `time` by symbol; of a parameter, `initial_time` or `final_time` it gives a number.
+    A number in `start`, `end`, `initial_time` or `final_time` fixes the value, a pair is an
+    interval, and what is left out is free. In `minimise` and `target` a state stands for its value
+    at the final time, `initial(x)` for that at the initial time. `singular` and `boundary` give
+    feedback laws by control (`boundary` by state constraint too, where several act on one control:
+    `{f: {"u.upper": 4}}`). `guess` gives a number, a (start, end) pair or an expression of `time`
+    by symbol; of a parameter, `initial_time` or `final_time` it gives a number.
 
-    Raises ProblemError, with the offending name, for anything that is not such a problem. The tables are copied: what
-    happens to the given ones later changes nothing.
+    Raises ProblemError, with the offending name, for anything that is not such a problem. The
+    tables are copied: what happens to the given ones later changes nothing.
     """
 
     name: str
@@ -91,7 +104,10 @@ class Problem:
             object.__setattr__(self, table, MappingProxyType(dict(getattr(self, table))))
 
     def __repr__(self) -> str:
-        return f"Problem({self.name!r}: states {', '.join(self.state_names)}; controls {', '.join(self.control_names)})"
+        return (
+            f"Problem({self.name!r}: states {', '.join(self.state_names)}; controls "
+            f"{', '.join(self.control_names)})"
+        )
 
     def _repr_html_(self) -> str:
         shown: str = view("html")(self)
@@ -101,17 +117,23 @@ class Problem:
 
     @cached_property
     def statement(self) -> Mapping[str, Any]:
-        """The problem as data, as result files carry it; ProblemError names an operation that has no spelling."""
+        """The problem as data, as result files carry it; ProblemError names an operation that has
+        no spelling.
+        """
         return portable.written(self)
 
     @property
     def fingerprint(self) -> str:
-        """A hash of all that defines the problem: not of its name, title, source, reference, units, scene and guess."""
+        """A hash of all that defines the problem: not of its name, title, source, reference, units,
+        scene and guess.
+        """
         return str(self.statement["fingerprint"])
 
     @classmethod
     def from_statement(cls, statement: Mapping[str, Any]) -> "Problem":
-        """Return the problem that a statement describes, in symbols of its own; ProblemError says why it is none."""
+        """Return the problem that a statement describes, in symbols of its own; ProblemError says
+        why it is none.
+        """
         return _restored(json.dumps(statement))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -189,12 +211,16 @@ class Problem:
 
     @cached_property
     def hamiltonian(self) -> Expr:
-        """H = running + costate . x', to be minimised over the controls; H = -1 for minimum time."""
+        """H = running + costate . x', to be minimised over the controls; H = -1 for minimum
+        time.
+        """
         return self.lagrangian + casadi.dot(self.costate, self.rate)
 
     @cached_property
     def switching(self) -> Expr:
-        """Switching functions sigma = dH/du (nu, 1): the control is at its lower bound where sigma > 0."""
+        """Switching functions sigma = dH/du (nu, 1): the control is at its lower bound where sigma
+        > 0.
+        """
         return casadi.substitute(casadi.jacobian(self.hamiltonian, self.u).T, self.u, 0)
 
     # -- bounds and conditions
@@ -244,15 +270,21 @@ class Problem:
                 found.append(Constraint(f"{name}.lower", low - self.x[k]))
             if np.isfinite(high):
                 found.append(Constraint(f"{name}.upper", self.x[k] - high))
-        named = [Constraint(name, relation(c, f"path '{name}'")[0]) for name, c in self.path.items()]
+        named = [
+            Constraint(name, relation(c, f"path '{name}'")[0]) for name, c in self.path.items()
+        ]
         return tuple(found + named)
 
     @cached_property
     def conditions(self) -> tuple[Condition, ...]:
         """The named end conditions of `target`."""
-        return tuple(Condition(name, *relation(c, f"target '{name}'")) for name, c in self.target.items())
+        return tuple(
+            Condition(name, *relation(c, f"target '{name}'")) for name, c in self.target.items()
+        )
 
 
-@lru_cache(maxsize=64)  # symbols are never forgotten: the same statement read again gives the same problem
+@lru_cache(
+    maxsize=64
+)  # symbols are never forgotten: the same statement read again gives the same problem
 def _restored(text: str) -> Problem:
     return Problem(**portable.arguments(json.loads(text)))

@@ -14,9 +14,10 @@ from socp.model.solution import Solution
 class Progress:
     """What a solver or a search tells while it runs.
 
-    stage: what is being done; word, best, violation: of a search, the word it is at, its best objective so far and how
-    far that one is from an extremal (nan where unknown). v (n,): the point of a programme; `iterate` lifts it to a
-    solution, and costs something: call it only for what is shown.
+    stage: what is being done; word, best, violation: of a search, the word it is at, its best
+    objective so far and how far that one is from an extremal (nan where unknown). v (n,): the point
+    of a programme; `iterate` lifts it to a solution, and costs something: call it only for what is
+    shown.
     """
 
     stage: str
@@ -31,7 +32,9 @@ class Progress:
 
 
 class Watch(Protocol):
-    """Called with the progress of every iteration; a true answer asks the solver to stop with its last iterate."""
+    """Called with the progress of every iteration; a true answer asks the solver to stop with its
+    last iterate.
+    """
 
     def __call__(self, progress: Progress, /) -> bool:
         """Look at the progress."""

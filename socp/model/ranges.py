@@ -1,4 +1,6 @@
-"""Numbers in a problem: intervals for bounds, ends and times, values for guesses, and what is wrong with them."""
+"""Numbers in a problem: intervals for bounds, ends and times, values for guesses, and what is wrong
+with them.
+"""
 
 import math
 from collections.abc import Mapping
@@ -9,7 +11,16 @@ import numpy as np
 
 from socp.errors import ProblemError
 from socp.model import advice
-from socp.model.symbols import Expr, final_time, free, initial_time, is_logical, is_number, role, time
+from socp.model.symbols import (
+    Expr,
+    final_time,
+    free,
+    initial_time,
+    is_logical,
+    is_number,
+    role,
+    time,
+)
 from socp.process import plainly, shown
 
 if TYPE_CHECKING:
@@ -23,20 +34,28 @@ _SMALLEST = 1e-80  # the same for a horizon from 0: its powers underflow
 
 
 def interval(value: Any) -> Interval:
-    """Return a number as the interval (value, value), a pair as it is; None in a pair means unbounded.
+    """Return a number as the interval (value, value), a pair as it is; None in a pair means
+    unbounded.
 
     Raises TypeError or ValueError for what is neither.
     """
     if isinstance(value, (tuple, list, np.ndarray)):
         low, high = value
-        return (-math.inf if low is None else _number(low), math.inf if high is None else _number(high))
+        return (
+            -math.inf if low is None else _number(low),
+            math.inf if high is None else _number(high),
+        )
     return (_number(value), _number(value))
 
 
 def rows(symbols: Expr, given: Mapping[Expr, Any]) -> np.ndarray:
-    """Return the intervals of symbols (n, 1) as an array (2, n), lower row, upper row; free where not given."""
+    """Return the intervals of symbols (n, 1) as an array (2, n), lower row, upper row; free where
+    not given.
+    """
     parts = casadi.vertsplit(symbols) if symbols.numel() else []
-    return np.array([interval(given.get(part, free)) for part in parts], dtype=float).reshape(-1, 2).T
+    return (
+        np.array([interval(given.get(part, free)) for part in parts], dtype=float).reshape(-1, 2).T
+    )
 
 
 def check(problem: "Problem") -> None:
@@ -49,10 +68,15 @@ def check(problem: "Problem") -> None:
     first = _pair("initial_time", problem.initial_time)
     last = _pair("final_time", problem.final_time)
     if last[1] <= first[0]:
-        raise ProblemError(f"final_time: {problem.final_time} is not after initial_time {problem.initial_time}")
+        raise ProblemError(
+            f"final_time: {problem.final_time} is not after initial_time {problem.initial_time}"
+        )
     times = abs(first[0]), abs(last[1])
     if max(times) < math.inf and last[1] - first[0] <= _RESOLVED * max(*times, _SMALLEST):
-        raise ProblemError(f"final_time: {problem.final_time} cannot be told from initial_time {problem.initial_time}")
+        raise ProblemError(
+            f"final_time: {problem.final_time} cannot be told from initial_time "
+            f"{problem.initial_time}"
+        )
     for symbol, value in problem.guess.items():
         _guess(symbol, value)
 
@@ -68,27 +92,37 @@ def _bounds(symbol: Expr, value: Any) -> None:
     low, high = _pair(place, value, symbol, single=False)
     if role(symbol) == "control" and not (math.isfinite(low) and math.isfinite(high)):
         raise ProblemError(
-            f"{place}: ({low}, {high}); a control needs finite bounds; choose them wider than it will go, "
-            "and see whether the solution reaches them"
+            f"{place}: ({low}, {high}); a control needs finite bounds; choose them wider than it "
+            "will go, and see whether the solution reaches them"
         )
     if role(symbol) != "parameter" and low == high:
-        raise ProblemError(f"{place}: lower = upper = {low}; write the constant in its place instead")
+        raise ProblemError(
+            f"{place}: lower = upper = {low}; write the constant in its place instead"
+        )
 
 
 def _end(table: str, symbol: Expr, value: Any, bounds: Any) -> None:
     low, high = _pair(f"{table} of '{symbol}'", value, symbol)
     lower, upper = (-math.inf, math.inf) if bounds is None else interval(bounds)
     if high < lower or low > upper:
-        raise ProblemError(f"{table} of '{symbol}': {plainly(value)} lies outside its bounds ({lower}, {upper})")
+        raise ProblemError(
+            f"{table} of '{symbol}': {plainly(value)} lies outside its bounds ({lower}, {upper})"
+        )
 
 
 def _pair(place: str, value: Any, symbol: Expr = None, *, single: bool = True) -> Interval:
     try:
         # two values of an array are hardly meant as an interval of ends or times
-        low, high = interval(shown(value) if isinstance(value, np.ndarray) else value) if single else interval([*value])
+        low, high = (
+            interval(shown(value) if isinstance(value, np.ndarray) else value)
+            if single
+            else interval([*value])
+        )
     except Exception:  # noqa: BLE001 - what is iterated or compared may be of a stranger's class
         wanted = "a number or a pair (lower, upper)" if single else "a pair (lower, upper)"
-        raise ProblemError(f"{place}: {shown(value)} where {wanted} is needed{advice.numbers(symbol, value)}") from None
+        raise ProblemError(
+            f"{place}: {shown(value)} where {wanted} is needed{advice.numbers(symbol, value)}"
+        ) from None
     if math.isnan(low) or math.isnan(high) or low == math.inf or high == -math.inf:
         raise ProblemError(f"{place}: {shown(value)} where finite numbers are needed")
     if any(_LARGEST < abs(each) < math.inf for each in (low, high)):
@@ -106,14 +140,18 @@ def _guess(symbol: Expr, value: Any) -> None:
     constant = role(symbol) == "parameter" or symbol in {initial_time, final_time}
     pair = isinstance(value, (tuple, list, np.ndarray))
     if pair and (constant or np.shape(value)[:1] != (2,)):
-        wanted = "a number" if constant else "a number, a pair (start, end) or an expression of time"
+        wanted = (
+            "a number" if constant else "a number, a pair (start, end) or an expression of time"
+        )
         raise ProblemError(f"{place}: {shown(value)} where {wanted} is needed")
     for part in value if pair else [value]:
         _part(place, part, constant=constant or pair)
 
 
 def _part(place: str, part: Any, *, constant: bool) -> None:
-    if not is_number(part) and not (isinstance(part, casadi.SX) and part.is_scalar() and not is_logical(part)):
+    if not is_number(part) and not (
+        isinstance(part, casadi.SX) and part.is_scalar() and not is_logical(part)
+    ):
         raise ProblemError(f"{place}: {shown(part)} where a number is needed")
     expression = casadi.SX(part)
     if any(not (s == time).is_one() for s in casadi.symvar(expression)):

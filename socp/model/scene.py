@@ -1,4 +1,6 @@
-"""Scenes: what a problem looks like in the plane, a phase plane where it does not say, seen along solutions."""
+"""Scenes: what a problem looks like in the plane, a phase plane where it does not say, seen along
+solutions.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -26,9 +28,10 @@ _MARGIN = 0.06  # of the picture's size, left free around the path
 class Scene:
     """The plane in which a solution is drawn; all expressions are of states, time and parameters.
 
-    plane: the two coordinates. heading: direction of the vehicle in the plane, an angle in radians. flow: the two
-    components of a current; with it the plane's coordinates are states, and the flow depends on no other states.
-    target: centre and radius of a disc, (cx, cy, radius). What is left out is not drawn.
+    plane: the two coordinates. heading: direction of the vehicle in the plane, an angle in radians.
+    flow: the two components of a current; with it the plane's coordinates are states, and the flow
+    depends on no other states. target: centre and radius of a disc, (cx, cy, radius). What is left
+    out is not drawn.
     """
 
     plane: tuple[Expr, Expr]
@@ -50,11 +53,13 @@ class Mark:
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Picture:
-    """A scene along a solution: times t (n,), path (2, n), heading (n,) where there is one, and the switches.
+    """A scene along a solution: times t (n,), path (2, n), heading (n,) where there is one, and the
+    switches.
 
-    `flow`: points (2, k) and the current there (2, k), None where there is none, at the initial time where it depends
-    on time; `target`: (cx, cy, radius) or None; `labels`: the names of the axes; `spatial`: whether one unit is as long
-    on both axes, as it is in a scene of the problem's own, not in a phase plane.
+    `flow`: points (2, k) and the current there (2, k), None where there is none, at the initial
+    time where it depends on time; `target`: (cx, cy, radius) or None; `labels`: the names of the
+    axes; `spatial`: whether one unit is as long on both axes, as it is in a scene of the problem's
+    own, not in a phase plane.
     """
 
     t: np.ndarray
@@ -68,7 +73,9 @@ class Picture:
 
     @property
     def box(self) -> np.ndarray:
-        """Lower left and upper right corner (2, 2) of what there is to see: rows x and y, a margin around them."""
+        """Lower left and upper right corner (2, 2) of what there is to see: rows x and y, a margin
+        around them.
+        """
         seen = self.path[:, np.isfinite(self.path).all(axis=0)]
         if self.target is not None:
             cx, cy, radius = self.target
@@ -83,7 +90,9 @@ class Picture:
 
 
 def own(problem: "Problem") -> Scene:
-    """Return the problem's scene, or the phase plane of its first two states; of a single one, against time."""
+    """Return the problem's scene, or the phase plane of its first two states; of a single one,
+    against time.
+    """
     if problem.scene is not None:
         return problem.scene
     first, *others = list(problem.dynamics)
@@ -96,27 +105,40 @@ def picture(problem: "Problem", solution: "Solution", t: Any = None) -> Picture:
     at = solution.t if t is None else np.asarray(t, dtype=float)
     x = solution.rows("x") if t is None else solution.at(at)
     path = _values(problem, solution, list(scene.plane), at, x)
-    heading = None if scene.heading is None else _values(problem, solution, [scene.heading], at, x)[0]
+    heading = (
+        None if scene.heading is None else _values(problem, solution, [scene.heading], at, x)[0]
+    )
     units = {symbol.name(): unit for symbol, unit in problem.units.items()}
-    labels = [f"{name} ({units[name]})" if units.get(name) else name for name in map(str, scene.plane)]
+    labels = [
+        f"{name} ({units[name]})" if units.get(name) else name for name in map(str, scene.plane)
+    ]
     found = Picture(
-        t=at, path=path, heading=heading, marks=tuple(_marks(problem, solution, scene)), flow=None, target=scene.target,
-        labels=(labels[0], labels[1]), spatial=problem.scene is not None,
-    )  # fmt: skip
+        t=at,
+        path=path,
+        heading=heading,
+        marks=tuple(_marks(problem, solution, scene)),
+        flow=None,
+        target=scene.target,
+        labels=(labels[0], labels[1]),
+        spatial=problem.scene is not None,
+    )
     if scene.flow is None:
         return found
     return _flowing(problem, solution, scene, found)
 
 
 def framed(points: np.ndarray, *, spatial: bool) -> np.ndarray:
-    """Return the corners (2, 2) of a box around points (2, n), rows x and y; a spatial one is never a mere strip.
+    """Return the corners (2, 2) of a box around points (2, n), rows x and y; a spatial one is never
+    a mere strip.
 
     Around no points, as where a solver found none, it is the unit square.
     """
     points = points if points.size else np.array([[0.0, 1.0], [0.0, 1.0]])
     low, high = points.min(axis=1), points.max(axis=1)
     size = high - low
-    least = 0.15 * size.max() if spatial else np.where(size > 0, size, np.maximum(np.abs(high), 1.0))
+    least = (
+        0.15 * size.max() if spatial else np.where(size > 0, size, np.maximum(np.abs(high), 1.0))
+    )
     half = 0.5 * np.maximum(size, least) * (1 + 2 * _MARGIN)
     middle = 0.5 * (low + high)
     return np.column_stack([middle - half, middle + half])
@@ -143,7 +165,11 @@ def _marks(problem: "Problem", solution: "Solution", scene: Scene) -> Iterator[M
         for before, after in pairwise(row)
     )
     t = np.array([each[0] for each in switches])
-    places = _values(problem, solution, list(scene.plane), t, solution.at(t)) if t.size else np.empty((2, 0))
+    places = (
+        _values(problem, solution, list(scene.plane), t, solution.at(t))
+        if t.size
+        else np.empty((2, 0))
+    )
     for (when, label), place in zip(switches, places.T, strict=True):
         yield Mark(t=float(when), place=place, label=label)
 
@@ -153,13 +179,17 @@ def _values(
 ) -> np.ndarray:
     """Evaluate expressions at times t (n,) and states x (nx, n); returns (expressions, n)."""
     p = column(solution.parameters[name] for name in problem.parameter_names)
-    function = casadi.Function("scene", [problem.x, time, problem.p], [casadi.densify(column(expressions))])
+    function = casadi.Function(
+        "scene", [problem.x, time, problem.p], [casadi.densify(column(expressions))]
+    )
     values = function.map(t.size)(x, t[None, :], casadi.repmat(casadi.DM(p), 1, t.size))
     return np.array(values.full())
 
 
 def check(scene: Any) -> None:
-    """Raise ProblemError unless a scene has the shape of one; its expressions are checked with all the others."""
+    """Raise ProblemError unless a scene has the shape of one; its expressions are checked with all
+    the others.
+    """
     if scene is None:
         return
     if not isinstance(scene, Scene):
@@ -167,7 +197,9 @@ def check(scene: Any) -> None:
     for name, value in (("plane", scene.plane), ("flow", scene.flow)):
         pair = isinstance(value, (tuple, list)) and len(value) == 2
         if not pair and not (name == "flow" and value is None):
-            raise ProblemError(f"scene {name}: {shown(value)} where a pair of expressions is needed")
+            raise ProblemError(
+                f"scene {name}: {shown(value)} where a pair of expressions is needed"
+            )
     if scene.target is not None:
         _check_target(scene.target)
     if scene.flow is not None:
@@ -185,7 +217,9 @@ def placed(scene: Scene | None) -> Iterator[tuple[str, Expr]]:
 def _check_target(target: Any) -> None:
     numbers = isinstance(target, (tuple, list)) and len(target) == 3 and all(map(is_number, target))
     if not numbers or not all(map(isfinite, target)) or target[2] <= 0:
-        raise ProblemError(f"scene target: {shown(target)} where (cx, cy, radius), a disc, is needed")
+        raise ProblemError(
+            f"scene target: {shown(target)} where (cx, cy, radius), a disc, is needed"
+        )
 
 
 def _check_flow(scene: Scene) -> None:
@@ -197,4 +231,6 @@ def _check_flow(scene: Scene) -> None:
     for each in scene.flow or ():
         for symbol in casadi.symvar(casadi.SX(each)) if isinstance(each, casadi.SX) else []:
             if role(symbol) == "state" and symbol not in allowed:
-                raise ProblemError(f"scene flow: depends on '{symbol}', which is no coordinate of the plane")
+                raise ProblemError(
+                    f"scene flow: depends on '{symbol}', which is no coordinate of the plane"
+                )

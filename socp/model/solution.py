@@ -1,4 +1,6 @@
-"""Solutions: frozen arcs of states, controls and costates, evaluation at any time, and the JSON result file."""
+"""Solutions: frozen arcs of states, controls and costates, evaluation at any time, and the JSON
+result file.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -20,11 +22,24 @@ from socp.process import read_text
 if TYPE_CHECKING:
     from socp.model.problem import Problem
 
-__all__ = ["SCHEMA", "Agreement", "Arc", "Feasibility", "Node", "Solution", "Stop", "Which", "lagrange", "write_atomic"]
+__all__ = [
+    "SCHEMA",
+    "Agreement",
+    "Arc",
+    "Feasibility",
+    "Node",
+    "Solution",
+    "Stop",
+    "Which",
+    "lagrange",
+    "write_atomic",
+]
 
 
 class Stop(Enum):
-    """Why a solve stopped; the value is the sentence shown to the user. It says nothing about optimality."""
+    """Why a solve stopped; the value is the sentence shown to the user. It says nothing about
+    optimality.
+    """
 
     SOLVED = "the solver met its tolerances"
     ACCEPTABLE = "the solver met only its weaker, acceptable tolerances"
@@ -44,12 +59,14 @@ class Stop(Enum):
 class Solution:
     """What a method returns: a point with its history, no claim.
 
-    `objective` is the method's own value; `parameters` by name; `trace` maps a quantity to its value per iteration;
-    `seconds` is split into build and solve. `structure` gives every control's stretches (mode, start, end). `verified`
-    holds the feasibility by time and, where the word has laws, by feedback; `verdict` is the judge's. `nodes`: what a
-    search over words tried, in order; `meshes`: the ends of all intervals (k,), in time, of every mesh solved on
-    before this one. `agreement`: how far apart two computations of this solution are, where there were two.
-    `statement` is the problem that was judged, as data; `unstated` says why there is none, where it cannot be written.
+    `objective` is the method's own value; `parameters` by name; `trace` maps a quantity to its
+    value per iteration; `seconds` is split into build and solve. `structure` gives every control's
+    stretches (mode, start, end). `verified` holds the feasibility by time and, where the word has
+    laws, by feedback; `verdict` is the judge's. `nodes`: what a search over words tried, in order;
+    `meshes`: the ends of all intervals (k,), in time, of every mesh solved on before this one.
+    `agreement`: how far apart two computations of this solution are, where there were two.
+    `statement` is the problem that was judged, as data; `unstated` says why there is none, where it
+    cannot be written.
     """
 
     problem: str
@@ -77,17 +94,23 @@ class Solution:
 
     @property
     def extremal(self) -> bool | None:
-        """Whether the verdict certifies an extremal of Pontryagin's principle; None where nobody judged."""
+        """Whether the verdict certifies an extremal of Pontryagin's principle; None where nobody
+        judged.
+        """
         return None if self.verdict is None else self.verdict.extremal
 
     @property
     def reached(self) -> float:
-        """The objective that the returned control reaches by re-integration; the method's own where nobody verified."""
+        """The objective that the returned control reaches by re-integration; the method's own where
+        nobody verified.
+        """
         return self.objective if not self.verified else self.verified[0].objective
 
     @property
     def headline(self) -> tuple[str, ...]:
-        """The objective as a report tells it: what the control reaches first, where the method's own value differs."""
+        """The objective as a report tells it: what the control reaches first, where the method's
+        own value differs.
+        """
         own = f"{self.objective:.12g}"
         if not self.verified or self.verified[0].gap <= EXTREMAL:
             return (own,)
@@ -107,11 +130,16 @@ class Solution:
     @property
     def word(self) -> str:
         """The word that the structure spells, `r: + s +; f: + b -`, every control by itself."""
-        return "; ".join(f"{name}: {' '.join(mode for mode, _, _ in row)}" for name, row in self.structure.items())
+        return "; ".join(
+            f"{name}: {' '.join(mode for mode, _, _ in row)}"
+            for name, row in self.structure.items()
+        )
 
     @property
     def switches(self) -> list[float]:
-        """All switching times of the structure in order; times that differ by rounding alone are one."""
+        """All switching times of the structure in order; times that differ by rounding alone are
+        one.
+        """
         times = sorted({end for row in self.structure.values() for _, _, end in row[:-1]})
         apart = 1e-12 * (self.final_time - self.initial_time)
         return [t for k, t in enumerate(times) if k == 0 or t - times[k - 1] > apart]
@@ -124,10 +152,13 @@ class Solution:
     def at(self, t: Any, which: Which = "x", seen: Any = None) -> np.ndarray:
         """Evaluate x, u or costate at times t (k,), clipped to the horizon; returns (rows, k).
 
-        It is right-continuous at switches; where times `seen` (k,) are given, they choose the side of a jump.
+        It is right-continuous at switches; where times `seen` (k,) are given, they choose the side
+        of a jump.
         """
         t, place = (
-            np.clip(np.atleast_1d(np.asarray(each, dtype=float)), self.initial_time, self.final_time)
+            np.clip(
+                np.atleast_1d(np.asarray(each, dtype=float)), self.initial_time, self.final_time
+            )
             for each in (t, t if seen is None else seen)
         )
         arc = np.searchsorted(self.junctions, place, side="right")
@@ -146,14 +177,20 @@ class Solution:
         return np.hstack([getattr(arc, which) for arc in self.arcs])
 
     def after(self, earlier: "Solution") -> "Solution":
-        """Return this solution with what an earlier one, which it continues, cost and tried before it added."""
+        """Return this solution with what an earlier one, which it continues, cost and tried before
+        it added.
+        """
         keys = {**earlier.seconds, **self.seconds}
         seconds = {key: self.seconds.get(key, 0.0) + earlier.seconds.get(key, 0.0) for key in keys}
         trace = {key: (*earlier.trace.get(key, ()), *values) for key, values in self.trace.items()}
         return replace(
-            self, seconds=seconds, trace=trace, iterations=self.iterations + earlier.iterations,
-            nodes=(*earlier.nodes, *self.nodes), meshes=(*earlier.meshes, earlier.corners, *self.meshes),
-        )  # fmt: skip
+            self,
+            seconds=seconds,
+            trace=trace,
+            iterations=self.iterations + earlier.iterations,
+            nodes=(*earlier.nodes, *self.nodes),
+            meshes=(*earlier.meshes, earlier.corners, *self.meshes),
+        )
 
     @property
     def corners(self) -> tuple[float, ...]:
@@ -162,19 +199,27 @@ class Solution:
         return (*inner, self.final_time)
 
     def total_variation(self) -> np.ndarray:
-        """Return the total variation of every control (nu,), jumps between intervals and arcs included."""
-        pieces = [arc.u[:, arc.nodes(k, "u")] for arc in self.arcs for k in range(len(arc.mesh) - 1)]
+        """Return the total variation of every control (nu,), jumps between intervals and arcs
+        included.
+        """
+        pieces = [
+            arc.u[:, arc.nodes(k, "u")] for arc in self.arcs for k in range(len(arc.mesh) - 1)
+        ]
         variation: np.ndarray = np.abs(np.diff(np.hstack(pieces), axis=1)).sum(axis=1)
         return variation
 
     def to_xarray(self, problem: "Problem | None" = None) -> Any:
-        """Return the values at the nodes as an xarray.Dataset; with the problem units and switching functions too."""
+        """Return the values at the nodes as an xarray.Dataset; with the problem units and switching
+        functions too.
+        """
         return view("dataset")(self, problem)
 
     def plot(self, problem: "Problem | None" = None, **look: Any) -> Any:
-        """Return a matplotlib Figure; with the problem bounds, switching functions and the scene too.
+        """Return a matplotlib Figure; with the problem bounds, switching functions and the scene
+        too.
 
-        `look` is what the view `figure` takes: `panels`, `width` in inches, `stretch` for short arcs.
+        `look` is what the view `figure` takes: `panels`, `width` in inches, `stretch` for short
+        arcs.
         """
         return view("figure")(self, problem, **look)
 
@@ -183,7 +228,9 @@ class Solution:
         return shown
 
     def to_json(self) -> str:
-        """Return the result file's text: strict JSON with null for nan, floats that read back bit for bit."""
+        """Return the result file's text: strict JSON with null for nan, floats that read back bit
+        for bit.
+        """
         return results.to_json(self)
 
     @classmethod
@@ -192,7 +239,8 @@ class Solution:
         return results.read(text, cls, Stop)
 
     def save(self, path: str | Path) -> None:
-        """Write the result file atomically: a reader sees the old file or the new one, never a part.
+        """Write the result file atomically: a reader sees the old file or the new one, never a
+        part.
 
         Raises SolveError, with the path, where it cannot be written.
         """

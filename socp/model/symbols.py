@@ -1,4 +1,6 @@
-"""The words of the problem language: states, controls, parameters, times, and relations between expressions."""
+"""The words of the problem language: states, controls, parameters, times, and relations between
+expressions.
+"""
 
 import math
 import sys
@@ -17,7 +19,9 @@ Role = Literal["state", "control", "parameter"]
 _LONGEST = 100  # characters of a name: more fit into no table or figure
 _RELATIONS = (casadi.OP_LE, casadi.OP_LT, casadi.OP_EQ)
 _TIMES = {"t": "time", "t0": "initial_time", "tf": "final_time"}
-_ROLES: dict[Expr, Role] = {}  # keeps every declared symbol alive, so that no other can take its hash
+_ROLES: dict[
+    Expr, Role
+] = {}  # keeps every declared symbol alive, so that no other can take its hash
 
 time: Expr = casadi.SX.sym("t")
 initial_time: Expr = casadi.SX.sym("t0")
@@ -44,7 +48,8 @@ def parameters(names: str) -> Any:
 
 
 def initial(state: Expr) -> Expr:
-    """Return the value of a state at the initial time, for use in end conditions and the Mayer term.
+    """Return the value of a state at the initial time, for use in end conditions and the Mayer
+    term.
 
     Raises ProblemError for anything but a declared state.
     """
@@ -65,7 +70,11 @@ def role(symbol: Expr) -> Role | None:
 
 def is_symbol(expression: Any) -> bool:
     """Tell whether something is one casadi SX symbol, which can be a key of a table."""
-    return isinstance(expression, casadi.SX) and bool(expression.is_scalar()) and bool(expression.is_symbolic())
+    return (
+        isinstance(expression, casadi.SX)
+        and bool(expression.is_scalar())
+        and bool(expression.is_symbolic())
+    )
 
 
 def declared(kind: Role) -> list[Expr]:
@@ -74,7 +83,8 @@ def declared(kind: Role) -> list[Expr]:
 
 
 def is_number(value: Any) -> bool:
-    """Tell whether something is a real number; True and False, which a relation may fold to, are none.
+    """Tell whether something is a real number; True and False, which a relation may fold to, are
+    none.
 
     Nor is an integer that no float can hold.
     """
@@ -95,30 +105,50 @@ def relation(expression: Expr, where: str) -> tuple[Expr, bool]:
     """
     scalar = isinstance(expression, casadi.SX) and expression.is_scalar()
     if isinstance(expression, (bool, np.bool_)) or (scalar and expression.is_constant()):
-        raise ProblemError(f"{where}: the relation is {bool(expression)} whatever the states are; it says nothing")
+        raise ProblemError(
+            f"{where}: the relation is {bool(expression)} whatever the states are; it says nothing"
+        )
     if not scalar or expression.op() not in _RELATIONS:
-        raise ProblemError(f"{where}: {plainly(expression)} is no relation; write left <= right or left == right")
+        raise ProblemError(
+            f"{where}: {plainly(expression)} is no relation; write left <= right or left == right"
+        )
     return expression.dep(0) - expression.dep(1), bool(expression.op() == casadi.OP_EQ)
 
 
 def is_logical(expression: Expr) -> bool:
-    """Tell whether a scalar expression is a truth value, such as a relation, where a quantity may be needed."""
-    return expression.op() in {*_RELATIONS, casadi.OP_NE, casadi.OP_NOT, casadi.OP_AND, casadi.OP_OR}
+    """Tell whether a scalar expression is a truth value, such as a relation, where a quantity may
+    be needed.
+    """
+    return expression.op() in {
+        *_RELATIONS,
+        casadi.OP_NE,
+        casadi.OP_NOT,
+        casadi.OP_AND,
+        casadi.OP_OR,
+    }
 
 
 def _declare(names: str, kind: Role) -> Any:
     if not isinstance(names, str):
-        raise ProblemError(f"{kind}s({shown(names)}): give the names in one string, such as {kind}s('a b')")
+        raise ProblemError(
+            f"{kind}s({shown(names)}): give the names in one string, such as {kind}s('a b')"
+        )
     words = names.replace(",", " ").split()
     if not words:
         raise ProblemError(f"{kind}s({shown(names)}): name at least one {kind}")
     for k, word in enumerate(words):
         if len(word) > _LONGEST:
-            raise ProblemError(f"{kind}s({shown(names)}): a name of {len(word)} characters; at most {_LONGEST}")
+            raise ProblemError(
+                f"{kind}s({shown(names)}): a name of {len(word)} characters; at most {_LONGEST}"
+            )
         if not word.isidentifier():
-            raise ProblemError(f"{kind}s({shown(names)}): '{word}' is no name; use letters, digits and underscores")
+            raise ProblemError(
+                f"{kind}s({shown(names)}): '{word}' is no name; use letters, digits and underscores"
+            )
         if word in _TIMES:
-            raise ProblemError(f"{kind}s({shown(names)}): '{word}' is the name of {_TIMES[word]}; choose another")
+            raise ProblemError(
+                f"{kind}s({shown(names)}): '{word}' is the name of {_TIMES[word]}; choose another"
+            )
         if word in words[:k]:
             raise ProblemError(f"{kind}s({shown(names)}): '{word}' is declared twice")
     symbols = tuple(casadi.SX.sym(word) for word in words)

@@ -1,7 +1,9 @@
-"""Who shows problems, solutions and verdicts: functions that installed packages register, looked up by name.
+"""Who shows problems, solutions and verdicts: functions that installed packages register, looked up
+by name.
 
-Records hold values and know nothing of pictures. What shows them is an entry point of the group `socp.views`:
-`figure`, `html` and `dataset` are socp's own, and another package may register one of its own under the same name.
+Records hold values and know nothing of pictures. What shows them is an entry point of the group
+`socp.views`: `figure`, `html` and `dataset` are socp's own, and another package may register one of
+its own under the same name.
 """
 
 from collections.abc import Callable
@@ -22,7 +24,9 @@ def view(name: str) -> Callable[..., Any]:
     """
     points = sorted(metadata.entry_points(group=GROUP, name=name), key=_own)
     if not points:
-        raise MethodError(f"no view '{name}' is registered under the entry points '{GROUP}'; install socp again")
+        raise MethodError(
+            f"no view '{name}' is registered under the entry points '{GROUP}'; install socp again"
+        )
     shown: Callable[..., Any] = points[0].load()
     return shown
 

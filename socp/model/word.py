@@ -11,12 +11,21 @@ from socp.process import short
 Kind = Literal["lower", "upper", "singular", "boundary", "free"]
 
 _SPELLINGS: dict[str, Kind] = {
-    "-": "lower", "lower": "lower", "lo": "lower",
-    "+": "upper", "upper": "upper", "up": "upper",
-    "s": "singular", "sing": "singular", "singular": "singular",
-    "b": "boundary", "bdry": "boundary", "boundary": "boundary",
-    "*": "free", "free": "free",
-}  # fmt: skip
+    "-": "lower",
+    "lower": "lower",
+    "lo": "lower",
+    "+": "upper",
+    "upper": "upper",
+    "up": "upper",
+    "s": "singular",
+    "sing": "singular",
+    "singular": "singular",
+    "b": "boundary",
+    "bdry": "boundary",
+    "boundary": "boundary",
+    "*": "free",
+    "free": "free",
+}
 _MOST = 1000  # arcs of a word that is given: programmes along more do not end in any useful time
 _TOKEN = re.compile(r"(?P<kind>[^\[\]\s]+)(?:\[(?P<constraint>[^\[\]]+)\])?$")
 
@@ -24,31 +33,41 @@ _TOKEN = re.compile(r"(?P<kind>[^\[\]\s]+)(?:\[(?P<constraint>[^\[\]]+)\])?$")
 @final
 @dataclass(frozen=True)
 class Mode:
-    """What one control does on one arc; a boundary arc may name the state constraint that it follows."""
+    """What one control does on one arc; a boundary arc may name the state constraint that it
+    follows.
+    """
 
     kind: Kind
     constraint: str | None = None
 
     SIGNS: ClassVar[dict[Kind, str]] = {
-        "lower": "-", "upper": "+", "singular": "s", "boundary": "b", "free": "*",
-    }  # fmt: skip
+        "lower": "-",
+        "upper": "+",
+        "singular": "s",
+        "boundary": "b",
+        "free": "*",
+    }
 
     def __str__(self) -> str:
         return self.SIGNS[self.kind] + (f"[{self.constraint}]" if self.constraint else "")
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read `+`, `-`, `s`, `b`, `b[constraint]`, `*` or their long names; MethodError names what is not one."""
+        """Read `+`, `-`, `s`, `b`, `b[constraint]`, `*` or their long names; MethodError names what
+        is not one.
+        """
         match = _TOKEN.match(text)
         kind = _SPELLINGS.get(match["kind"].lower()) if match else None
         if match is None or kind is None:
             raise MethodError(
-                f"word: '{short(text)}' is no kind of arc; write + (upper bound), - (lower bound), s (singular), "
-                "b or b[constraint] (boundary), * (free)"
+                f"word: '{short(text)}' is no kind of arc; write + (upper bound), - (lower "
+                "bound), s (singular), b or b[constraint] (boundary), * (free)"
             )
         if match["constraint"] and kind != "boundary":
             boundary = f"b[{match['constraint']}]"
-            raise MethodError(f"word: '{text}' names a constraint, which only a boundary arc has: {boundary}")
+            raise MethodError(
+                f"word: '{text}' names a constraint, which only a boundary arc has: {boundary}"
+            )
         return cls(kind, match["constraint"])
 
 
@@ -74,9 +93,11 @@ class Word:
 
     @classmethod
     def parse(cls, text: str, controls: Sequence[str]) -> Self:
-        """Read a word as `str(word)` writes it; the control's name may be left out where there is just one control.
+        """Read a word as `str(word)` writes it; the control's name may be left out where there is
+        just one control.
 
-        Raises MethodError naming the unknown, missing or repeated control, the bad mode, or the unequal lengths.
+        Raises MethodError naming the unknown, missing or repeated control, the bad mode, or the
+        unequal lengths.
         """
         rows: dict[str, list[Mode]] = {}
         for part in filter(None, (piece.strip() for piece in text.split(";"))):
@@ -86,14 +107,19 @@ class Word:
             name = name.strip()
             if name not in controls:
                 known = ", ".join(controls)
-                raise MethodError(f"word: '{short(part)}' should start with a control and a colon; controls: {known}")
+                raise MethodError(
+                    f"word: '{short(part)}' should start with a control and a colon; controls: "
+                    f"{known}"
+                )
             if name in rows:
                 raise MethodError(f"word: control '{name}' is given twice")
             rows[name] = [Mode.parse(token) for token in modes.split()]
         missing = [name for name in controls if not rows.get(name)]
         if missing:
             such = f"'{missing[0]}: + s -'"
-            raise MethodError(f"word: no arcs for control '{missing[0]}'; write one row a control, such as {such}")
+            raise MethodError(
+                f"word: no arcs for control '{missing[0]}'; write one row a control, such as {such}"
+            )
         lengths = {name: len(modes) for name, modes in rows.items()}
         if len(set(lengths.values())) > 1:
             counts = ", ".join(f"{name} has {count}" for name, count in lengths.items())

@@ -1,4 +1,6 @@
-"""The process around socp: its signals, its standard output, its files, and text from strangers made safe to show."""
+"""The process around socp: its signals, its standard output, its files, and text from strangers
+made safe to show.
+"""
 
 import lazy_loader
 

@@ -11,13 +11,16 @@ LARGEST = 256 * 2**20
 
 
 def read_text(path: str | Path, largest: int = LARGEST) -> str:
-    """Return a file's text; SolveError names the path where it is no regular file, too large, or no UTF-8.
+    """Return a file's text; SolveError names the path where it is no regular file, too large, or no
+    UTF-8.
 
     A pipe or a device is refused before anything is read: it may have no end.
     """
     try:
         # without O_NONBLOCK to open a pipe waits for whoever writes to it
-        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        handle = os.open(
+            path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+        )
         try:
             _check(path, os.fstat(handle), largest)
             with os.fdopen(handle, "rb", closefd=False) as file:
@@ -39,6 +42,8 @@ def _check(path: str | Path, about: os.stat_result, largest: int) -> None:
     if stat.S_ISDIR(about.st_mode):
         raise SolveError(f"{path}: Is a directory; name a result file in it")
     if not stat.S_ISREG(about.st_mode):
-        raise SolveError(f"{path}: is no regular file but a pipe or a device; save what it gives in a file first")
+        raise SolveError(
+            f"{path}: is no regular file but a pipe or a device; save what it gives in a file first"
+        )
     if about.st_size > largest:
         raise SolveError(f"{path}: has {about.st_size} bytes; a result has at most {largest}")

@@ -1,4 +1,6 @@
-"""Ctrl-C and the signals that ask a program to end: heard once, acted upon where nothing is lost by it."""
+"""Ctrl-C and the signals that ask a program to end: heard once, acted upon where nothing is lost by
+it.
+"""
 
 import signal
 import sys
@@ -10,15 +12,21 @@ from dataclasses import dataclass, field
 from types import FrameType
 from typing import final
 
-ASKING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+ASKING = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 _USUAL = (signal.SIG_DFL, signal.default_int_handler)
-_BURST = 1.0  # seconds: what comes so soon after a signal that was acted upon is the same wish, repeated
+_BURST = (
+    1.0  # seconds: what comes so soon after a signal that was acted upon is the same wish, repeated
+)
 
 
 @final
 @dataclass(eq=False)
 class _Heard:
-    """What was heard while the command line listens: every signal, how deep it is held back, when one last acted."""
+    """What was heard while the command line listens: every signal, how deep it is held back, when
+    one last acted.
+    """
 
     on: bool = False
     signals: list[int] = field(default_factory=list)
@@ -30,7 +38,9 @@ class _Heard:
         self.on, self.signals, self.held, self.acted = on, [], 0, -float("inf")
 
     def __call__(self, number: int, _frame: FrameType | None) -> None:
-        """Take a signal in, and raise KeyboardInterrupt unless it is held back, repeated or acted upon already."""
+        """Take a signal in, and raise KeyboardInterrupt unless it is held back, repeated or acted
+        upon already.
+        """
         self.signals.append(number)
         if self.held or _unwinding() or time.monotonic() - self.acted < _BURST:
             return
@@ -43,10 +53,11 @@ _HEARD = _Heard()
 
 @contextmanager
 def listening(*, to_the_end: bool = False) -> Iterator[None]:
-    """Turn the signals of ASKING into KeyboardInterrupt, one for a burst of them; those that are ignored stay ignored.
+    """Turn the signals of ASKING into KeyboardInterrupt, one for a burst of them; those that are
+    ignored stay ignored.
 
-    With `to_the_end` they are ignored afterwards: what the program came to is decided, and Python closes in peace.
-    Outside the main thread, where signals are not heard, nothing happens.
+    With `to_the_end` they are ignored afterwards: what the program came to is decided, and Python
+    closes in peace. Outside the main thread, where signals are not heard, nothing happens.
     """
     if threading.current_thread() is not threading.main_thread() or _HEARD.on:
         yield
@@ -92,7 +103,8 @@ def heard() -> int:
 
 @contextmanager
 def requesting(stop: Callable[[], None]) -> Iterator[None]:
-    """Turn signals into a request, for a solver that ends in good order by itself: Ctrl-C, and what is listened to.
+    """Turn signals into a request, for a solver that ends in good order by itself: Ctrl-C, and what
+    is listened to.
 
     Raises KeyboardInterrupt at once where one was heard before, and was lost on the way here.
     """
@@ -125,7 +137,9 @@ def listens() -> bool:
 
 
 def give_way() -> None:
-    """Raise KeyboardInterrupt where a signal was heard: before work that is begun for nothing then."""
+    """Raise KeyboardInterrupt where a signal was heard: before work that is begun for nothing
+    then.
+    """
     if _HEARD.signals:
         raise KeyboardInterrupt
 

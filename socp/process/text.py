@@ -1,12 +1,15 @@
-"""Foreign text made safe to show: what would steer a terminal, or turn the reading direction, is shown as an escape."""
+"""Foreign text made safe to show: what would steer a terminal, or turn the reading direction, is
+shown as an escape.
+"""
 
 import difflib
 import re
 from collections.abc import Iterable
 from typing import Any
 
-# control characters (C0 but line feed and tab, DEL, C1), marks of reading direction, line and paragraph separators,
-# marks without a shape (byte order, annotations, tags), and lone surrogates, which no encoding can write
+# control characters (C0 but line feed and tab, DEL, C1), marks of reading direction, line and
+# paragraph separators, marks without a shape (byte order, annotations, tags), and lone surrogates,
+# which no encoding can write
 _STEERING = (
     "\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff\ufff9-\ufffb"
     "\ud800-\udfff\U000e0000-\U000e007f"
@@ -28,19 +31,25 @@ def one_line(text: object) -> str:
 
 
 def markdown(text: object) -> str:
-    """Return text that shows as itself in Markdown: on one line, without emphasis, links, pictures, HTML or cells."""
+    """Return text that shows as itself in Markdown: on one line, without emphasis, links, pictures,
+    HTML or cells.
+    """
     return _MARKDOWN.sub(r"\\\g<0>", one_line(text))
 
 
 def markdown_code(text: object) -> str:
-    """Return text as code in Markdown, also in a cell of a table; backticks, which would end it, become quotes."""
+    """Return text as code in Markdown, also in a cell of a table; backticks, which would end it,
+    become quotes.
+    """
     return f"`{one_line(text).replace('`', chr(39)).replace('|', chr(92) + '|')}`"
 
 
 def file_stem(name: str) -> str:
-    """Return a name as that of a file in the current folder: no folders, nothing hidden, not too long.
+    """Return a name as that of a file in the current folder: no folders, nothing hidden, not too
+    long.
 
-    Letters and digits of any script, `-`, `+`, `.`, `_`, parentheses and inner blanks stay; all else becomes `_`.
+    Letters and digits of any script, `-`, `+`, `.`, `_`, parentheses and inner blanks stay; all
+    else becomes `_`.
     """
     plain = re.sub(r"[^\w.+() -]", "_", name).strip()
     plain = re.sub(r"^\.+", "_", plain)
@@ -56,7 +65,13 @@ def _escape(found: "re.Match[str]") -> str:
     code = ord(found[0])
     if found[0] in _SHORT:
         return _SHORT[found[0]]
-    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+    return (
+        f"\\x{code:02x}"
+        if code < 0x100
+        else f"\\u{code:04x}"
+        if code < 0x10000
+        else f"\\U{code:08x}"
+    )
 
 
 _LONG = 120  # characters of a value in a message: enough to know it again, few enough to read on
@@ -65,7 +80,9 @@ _TEXT = 400  # characters of an error's text: some of them carry advice worth re
 
 
 def shown(value: Any) -> str:
-    """Return how Python writes a value, on one line and shortened; a value that cannot be written is named by type."""
+    """Return how Python writes a value, on one line and shortened; a value that cannot be written
+    is named by type.
+    """
     try:
         text = repr(value)
     except KeyboardInterrupt:
@@ -76,7 +93,9 @@ def shown(value: Any) -> str:
 
 
 def plainly(value: Any) -> str:
-    """Return a value as a reader knows it, `x` and not `SX(x)`, on one line, shortened and safe as `shown`."""
+    """Return a value as a reader knows it, `x` and not `SX(x)`, on one line, shortened and safe as
+    `shown`.
+    """
     try:
         text = str(value)
     except KeyboardInterrupt:
@@ -87,7 +106,9 @@ def plainly(value: Any) -> str:
 
 
 def said(error: BaseException) -> str:
-    """Return the text of an error on one line, empty where it has none; one that cannot be printed says so."""
+    """Return the text of an error on one line, empty where it has none; one that cannot be printed
+    says so.
+    """
     try:
         text = str(error)
     except KeyboardInterrupt:
@@ -98,7 +119,9 @@ def said(error: BaseException) -> str:
 
 
 def short(text: str, most: int = _LONG) -> str:
-    """Return a text on one line, its middle left out where it is longer than a number of characters."""
+    """Return a text on one line, its middle left out where it is longer than a number of
+    characters.
+    """
     line = " ".join(text.split())
     if len(line) <= most:
         return line

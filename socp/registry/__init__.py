@@ -1,4 +1,6 @@
-"""What strangers bring: hooks, entry points, problem files, and the suite that methods have to pass."""
+"""What strangers bring: hooks, entry points, problem files, and the suite that methods have to
+pass.
+"""
 
 import lazy_loader
 

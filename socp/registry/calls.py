@@ -1,4 +1,6 @@
-"""Calls of plugins: each in a thread of its own and for so many seconds, with standard output kept out of its reach."""
+"""Calls of plugins: each in a thread of its own and for so many seconds, with standard output kept
+out of its reach.
+"""
 
 import contextvars
 import io
@@ -12,16 +14,17 @@ from typing import Any, TypeVar
 from socp.errors import ContractError
 
 T = TypeVar("T")
-LIMIT = 60.0  # seconds: rerun's slowest call, that of closing a stream whose viewer is stuck, takes half of it
+# Seconds: rerun's slowest call, that of closing a stream whose viewer is stuck, takes half of it
+LIMIT = 60.0
 _STREAMS = (1, 2)  # standard output and standard error
 
 
 def called(act: Callable[..., T], *given: Any, **named: Any) -> T:
     """Return what a plugin's function returns; raises what it raises.
 
-    Raises ContractError where it raises what no function may (SystemExit, KeyboardInterrupt and the like), where it
-    closes standard output, and where it does not return within LIMIT seconds; then it is left behind in its thread,
-    which ends with this process.
+    Raises ContractError where it raises what no function may (SystemExit, KeyboardInterrupt and the
+    like), where it closes standard output, and where it does not return within LIMIT seconds; then
+    it is left behind in its thread, which ends with this process.
     """
     answer: list[T] = []
     raised: list[BaseException] = []
@@ -53,7 +56,8 @@ def civil(error: BaseException) -> Exception:
 
 @contextmanager
 def aside() -> Iterator[None]:
-    """Have what Python prints go to standard error, and standard streams that were closed in the body opened again.
+    """Have what Python prints go to standard error, and standard streams that were closed in the
+    body opened again.
 
     Raises ContractError, after the body, where it closed one.
     """
@@ -80,7 +84,9 @@ def _is_open(number: int) -> bool:
 
 
 class _Aside(io.TextIOBase):
-    """Standard output as plugins find it: what is written goes to standard error, and nobody can close that."""
+    """Standard output as plugins find it: what is written goes to standard error, and nobody can
+    close that.
+    """
 
     def writable(self) -> bool:
         """Tell that it can be written to."""

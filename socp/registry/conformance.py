@@ -1,6 +1,8 @@
-"""The conformance suite: what every method must do, and every problem must be, with stated tolerances.
+"""The conformance suite: what every method must do, and every problem must be, with stated
+tolerances.
 
-`assert_conforms(MyMethod())` in a test of your own is all that is needed; socp's own methods pass the same.
+`assert_conforms(MyMethod())` in a test of your own is all that is needed; socp's own methods pass
+the same.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,7 +20,8 @@ from socp.verdict import verify
 
 __all__ = ["STANDARD", "Finding", "Standard", "assert_conforms", "check_problem", "conforms"]
 
-TOLERANCE = 2e-2  # of objective and feasibility, relative: what a first-order method reaches on some hundred steps
+# Of objective and feasibility, relative: what a first-order method reaches on some hundred steps
+TOLERANCE = 2e-2
 _COSTATES = 5.0  # times the tolerance: where controls ring, the multipliers ring more
 _ROUNDING = 1e-6  # by which a control may leave its box, relative to the box's width
 
@@ -36,20 +39,27 @@ class Finding:
         return f"{self.problem}: {self.check}: {self.text}"
 
 
-def assert_conforms(method: Method, problems: Sequence[Standard] = STANDARD, tolerance: float = TOLERANCE) -> None:
+def assert_conforms(
+    method: Method, problems: Sequence[Standard] = STANDARD, tolerance: float = TOLERANCE
+) -> None:
     """Raise AssertionError listing every breach that `conforms` finds."""
     found = conforms(method, problems, tolerance)
     if found:
         lines = "\n".join(f"  {finding}" for finding in found)
-        raise AssertionError(f"method '{getattr(method, 'name', method)}' does not conform:\n{lines}")
+        raise AssertionError(
+            f"method '{getattr(method, 'name', method)}' does not conform:\n{lines}"
+        )
 
 
-def conforms(method: Method, problems: Sequence[Standard] = STANDARD, tolerance: float = TOLERANCE) -> list[Finding]:
-    """Run a method on standard problems from the default guess and return every breach of the contract.
+def conforms(
+    method: Method, problems: Sequence[Standard] = STANDARD, tolerance: float = TOLERANCE
+) -> list[Finding]:
+    """Run a method on standard problems from the default guess and return every breach of the
+    contract.
 
-    Every problem is solved twice: the same input must give the same output. `tolerance` is relative: of the objective,
-    and of the conditions that re-integration finds violated; costates at the initial time, where the method gives any,
-    may be five times as far from the exact ones.
+    Every problem is solved twice: the same input must give the same output. `tolerance` is
+    relative: of the objective, and of the conditions that re-integration finds violated; costates
+    at the initial time, where the method gives any, may be five times as far from the exact ones.
     """
     found = [Finding("-", "method", text) for text in _of_class(method)]
     if found:
@@ -62,19 +72,33 @@ def conforms(method: Method, problems: Sequence[Standard] = STANDARD, tolerance:
 
 
 def check_problem(problem: Problem) -> list[Finding]:
-    """Return what would stop a solver at once: what is not finite on the default guess, or has slopes that are not.
+    """Return what would stop a solver at once: what is not finite on the default guess, or has
+    slopes that are not.
 
     The laws that the problem gives are looked at too, and the reference, where there is one.
     """
     guess = default_guess(problem)
     t, x, u = guess.t, guess.rows("x"), guess.rows("u")
     p = np.array([guess.parameters[name] for name in problem.parameter_names]).reshape(-1, 1)
-    found = [Finding(problem.name, place, text) for place, text in _not_finite(problem, (x, u, t[None, :], p))]
+    found = [
+        Finding(problem.name, place, text)
+        for place, text in _not_finite(problem, (x, u, t[None, :], p))
+    ]
     if not guess.final_time > guess.initial_time:
-        found.append(Finding(problem.name, "guess", f"final time {guess.final_time} is not after {guess.initial_time}"))
+        found.append(
+            Finding(
+                problem.name,
+                "guess",
+                f"final time {guess.final_time} is not after {guess.initial_time}",
+            )
+        )
     reference = problem.reference
     if reference is not None and not all(np.diff(reference.switches) > 0):
-        found.append(Finding(problem.name, "reference", f"switching times {reference.switches} do not increase"))
+        found.append(
+            Finding(
+                problem.name, "reference", f"switching times {reference.switches} do not increase"
+            )
+        )
     return found
 
 
@@ -82,16 +106,24 @@ def _not_finite(problem: Problem, arguments: tuple[Any, ...]) -> Iterator[tuple[
     places = [(f"rate of '{name}'", problem.rate[k]) for k, name in enumerate(problem.state_names)]
     places.append(("running cost", problem.lagrangian))
     places += [(f"path '{each.name}'", each.expression) for each in problem.constraints]
-    places += [(f"singular law of '{control}'", casadi.SX(law)) for control, law in problem.singular.items()]
+    places += [
+        (f"singular law of '{control}'", casadi.SX(law))
+        for control, law in problem.singular.items()
+    ]
     symbols = [problem.x, problem.u, time, problem.p]
     for place, expression in places:
         slope = casadi.jacobian(expression, casadi.vertcat(problem.x, problem.u, problem.p))
-        function = casadi.Function("place", symbols, [casadi.horzcat(expression, casadi.densify(slope))])
-        values = function.map(arguments[0].shape[1])(*(casadi.DM(a) for a in _spread(arguments))).full()
+        function = casadi.Function(
+            "place", symbols, [casadi.horzcat(expression, casadi.densify(slope))]
+        )
+        values = function.map(arguments[0].shape[1])(
+            *(casadi.DM(a) for a in _spread(arguments))
+        ).full()
         bad = ~np.isfinite(values.reshape(1, arguments[0].shape[1], -1)).all(axis=(0, 2))
         if bad.any():
             k = int(np.flatnonzero(bad)[0])
-            yield place, f"it or its slope is not finite at t = {arguments[2][0, k]:.6g}, x = {arguments[0][:, k]}"
+            where = f"t = {arguments[2][0, k]:.6g}, x = {arguments[0][:, k]}"
+            yield place, f"it or its slope is not finite at {where}"
 
 
 def _spread(arguments: tuple[Any, ...]) -> list[Any]:
@@ -146,7 +178,10 @@ def _shapes(problem: Problem, solution: Solution) -> Iterator[str]:
         yield f"the solution is of problem '{solution.problem}'"
     for kind in ("state", "control"):
         if getattr(solution, f"{kind}_names") != getattr(problem, f"{kind}_names"):
-            yield f"{kind} names {getattr(solution, f'{kind}_names')}, not {getattr(problem, f'{kind}_names')}"
+            yield (
+                f"{kind} names {getattr(solution, f'{kind}_names')}, not "
+                f"{getattr(problem, f'{kind}_names')}"
+            )
     if set(solution.parameters) != set(problem.parameter_names):
         yield f"parameters {sorted(solution.parameters)}, not {sorted(problem.parameter_names)}"
     if not solution.arcs:
@@ -156,13 +191,20 @@ def _shapes(problem: Problem, solution: Solution) -> Iterator[str]:
 
 
 def _arc_shapes(problem: Problem, arc: Arc) -> Iterator[str]:
-    rows = {"x": len(problem.state_names), "u": len(problem.control_names), "costate": len(problem.state_names)}
+    rows = {
+        "x": len(problem.state_names),
+        "u": len(problem.control_names),
+        "costate": len(problem.state_names),
+    }
     for which, count in rows.items():
         if getattr(arc, which).shape != (count, arc.t.size):
             yield f"{which} {getattr(arc, which).shape}, not {(count, arc.t.size)}"
     ends_right = arc.mesh.size > 1 and arc.mesh[0] == 0 and arc.mesh[-1] == arc.t.size - 1
     if not (ends_right and (np.diff(arc.mesh) > 0).all()):
-        yield f"mesh {arc.mesh[:3]}..{arc.mesh[-1:]} does not lead from node 0 to node {arc.t.size - 1}"
+        yield (
+            f"mesh {arc.mesh[:3]}..{arc.mesh[-1:]} does not lead from node 0 to node "
+            f"{arc.t.size - 1}"
+        )
     if len(arc.modes) != rows["u"]:
         yield f"{len(arc.modes)} modes, not one for each of {rows['u']} controls"
 
@@ -193,22 +235,34 @@ def _arc_values(problem: Problem, arc: Arc) -> Iterator[str]:
         yield "a control leaves its box"
     claimed = ~np.isnan(arc.costate)
     if claimed.any() and not np.isfinite(arc.costate).all():
-        yield "costates are given at some nodes and not finite at others; give all of them, or nan everywhere"
+        yield (
+            "costates are given at some nodes and not finite at others; give all of them, or nan "
+            "everywhere"
+        )
 
 
-def _accuracy(standard: Standard, solution: Solution, tolerance: float) -> Iterator[tuple[str, str]]:
+def _accuracy(
+    standard: Standard, solution: Solution, tolerance: float
+) -> Iterator[tuple[str, str]]:
     error = solution.objective - standard.objective
     if not abs(error) <= tolerance * abs(standard.objective):
         yield "objective", f"{solution.objective:.9g}, but {standard.objective:.9g} is exact"
     for each in verify(standard.problem, solution):
         if each.error or not max(each.miss, each.path) <= tolerance:
-            seen = each.error or f"the end missed by {each.miss:.1e}, a path constraint violated by {each.path:.1e}"
+            seen = (
+                each.error
+                or f"the end missed by {each.miss:.1e}, a path constraint violated by "
+                f"{each.path:.1e}"
+            )
             yield "feasibility", f"re-integration finds {seen}"
     costate = solution.arcs[0].costate[:, 0]
     exact = np.array(standard.costate)
     allowed = _COSTATES * tolerance * np.abs(exact).max(initial=0.0)
     if exact.size and np.isfinite(costate).all() and not np.abs(costate - exact).max() <= allowed:
-        yield "costate", f"{costate} at the initial time, but {exact} is exact; H = -1 for minimum time"
+        yield (
+            "costate",
+            f"{costate} at the initial time, but {exact} is exact; H = -1 for minimum time",
+        )
 
 
 def _file(method: Method, solution: Solution) -> Iterator[tuple[str, str]]:
@@ -225,7 +279,9 @@ def _numbers(solution: Solution) -> list[bytes]:
 
 
 def _watched(method: Method, problem: Problem) -> Iterator[str]:
-    """Check that a watch's request to stop is granted with a last iterate; a method may call no watch at all."""
+    """Check that a watch's request to stop is granted with a last iterate; a method may call no
+    watch at all.
+    """
     called = []
     solution: Any
 

@@ -1,4 +1,6 @@
-"""Entry points of installed packages as records, and what is said about the ones that are broken."""
+"""Entry points of installed packages as records, and what is said about the ones that are
+broken.
+"""
 
 import ast
 import difflib
@@ -30,8 +32,9 @@ Status = Literal["loaded", "partly", "failed", "off"]
 class Plugin:
     """An entry of the group `socp.plugins` and what became of it.
 
-    `target` is the module; `package` the distribution with its version. `reason` says why it is failed, off, or loaded
-    only in part; `methods` and `hooks` are what it adds; `error` is what was raised.
+    `target` is the module; `package` the distribution with its version. `reason` says why it is
+    failed, off, or loaded only in part; `methods` and `hooks` are what it adds; `error` is what was
+    raised.
     """
 
     name: str
@@ -52,7 +55,9 @@ class Plugin:
 @final
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """A registered problem, known by its packaging alone; `reason` says why it is refused, where it is."""
+    """A registered problem, known by its packaging alone; `reason` says why it is refused, where it
+    is.
+    """
 
     name: str
     target: str
@@ -70,7 +75,9 @@ class Entry:
 
 
 def points(group: str) -> list[metadata.EntryPoint]:
-    """Return the entry points of a group, socp's own first, in an order that does not depend on the search path."""
+    """Return the entry points of a group, socp's own first, in an order that does not depend on the
+    search path.
+    """
 
     def rank(point: metadata.EntryPoint) -> tuple[bool, str, str]:
         distribution = point.dist.name.lower() if point.dist else ""
@@ -94,24 +101,38 @@ def origin(target: str) -> str:
 
 
 def suggest(name: str, names: Iterable[str]) -> str:
-    """Return '; did you mean ...?' with the closest of the names, or what there is where none is close."""
+    """Return '; did you mean ...?' with the closest of the names, or what there is where none is
+    close.
+    """
     names = list(names)
     close = difflib.get_close_matches(name, names, n=1)
     if close:
         return f"; did you mean '{close[0]}'?"
-    return f"; there {'are' if len(names) > 1 else 'is'} {', '.join(names)}" if names else "; there are none"
+    return (
+        f"; there {'are' if len(names) > 1 else 'is'} {', '.join(names)}"
+        if names
+        else "; there are none"
+    )
 
 
 def line_of(error: BaseException, file: str) -> int | None:
-    """Return the last line of a file that an exception passed through, or that its syntax error is on."""
+    """Return the last line of a file that an exception passed through, or that its syntax error is
+    on.
+    """
     if isinstance(error, SyntaxError) and error.filename == file:
         return error.lineno
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+    lines = [
+        frame.lineno
+        for frame in traceback.extract_tb(error.__traceback__)
+        if frame.filename == file
+    ]
     return lines[-1] if lines else None
 
 
 def reason(error: BaseException) -> str:
-    """Return an exception's kind and text on one line; the kind is left out where the text was written for the user."""
+    """Return an exception's kind and text on one line; the kind is left out where the text was
+    written for the user.
+    """
     text = short(str(error.msg)) if isinstance(error, SyntaxError) else said(error)
     if isinstance(error, SocpError):
         return str(error)
@@ -123,7 +144,9 @@ def reason(error: BaseException) -> str:
 
 
 def explain(error: BaseException, file: str) -> str:
-    """Return one line on an exception: its kind, its text and, where it passed through the file, the line."""
+    """Return one line on an exception: its kind, its text and, where it passed through the file,
+    the line.
+    """
     line = line_of(error, file)
     return reason(error) + (f" ({Path(file).name}, line {line})" if line else "")
 
@@ -148,4 +171,7 @@ def _faults(method: Any, methods: Mapping[str, "type[Method]"]) -> Iterator[str]
     if not isinstance(getattr(method, "source", None), str):
         yield f"{method.__name__} has no source: say which paper the method comes from"
     if name in methods:
-        yield f"there is a method '{name}' already, {methods[name].__module__}.{methods[name].__name__}"
+        yield (
+            f"there is a method '{name}' already, "
+            f"{methods[name].__module__}.{methods[name].__name__}"
+        )

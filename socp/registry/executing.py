@@ -1,4 +1,6 @@
-"""Run a problem file as Python runs a script, and leave the command as it stood, whatever the file did."""
+"""Run a problem file as Python runs a script, and leave the command as it stood, whatever the file
+did.
+"""
 
 import contextlib
 import os
@@ -20,7 +22,9 @@ _started: list[threading.Thread] = []  # by problem files, and not ended by them
 
 
 def compiled(path: Path) -> CodeType:
-    """Return the code of a problem file; ProblemError says why it cannot be read, or is no Python."""
+    """Return the code of a problem file; ProblemError says why it cannot be read, or is no
+    Python.
+    """
     try:
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
@@ -28,11 +32,15 @@ def compiled(path: Path) -> CodeType:
         if not stat.S_ISREG(status.st_mode):
             raise ProblemError(f"{path} is no file but a device or a pipe; give a problem file")
         if status.st_size > _LARGEST:
-            raise ProblemError(f"{path}: has {status.st_size} bytes; a problem file has at most {_LARGEST}")
+            raise ProblemError(
+                f"{path}: has {status.st_size} bytes; a problem file has at most {_LARGEST}"
+            )
         source = decode_source(path.read_bytes())
     except (OSError, ValueError) as error:
         if isinstance(error, UnicodeDecodeError):
-            raise ProblemError(f"{path}: not a Python file: {reason(error)}; save it as UTF-8") from error
+            raise ProblemError(
+                f"{path}: not a Python file: {reason(error)}; save it as UTF-8"
+            ) from error
         text = error.strerror or error if isinstance(error, OSError) else reason(error)
         raise ProblemError(f"{path}: {text}{_neighbours(path)}") from error
     except SyntaxError as error:
@@ -47,7 +55,9 @@ def execute(code: CodeType, module: ModuleType, folder: Path) -> None:
         with _as_script(module, folder), _unchanged(), _streams():
             exec(code, vars(module))  # noqa: S102 - a problem file is a program of the user's
     finally:
-        _started.extend(each for each in threading.enumerate() if each not in before and not each.daemon)
+        _started.extend(
+            each for each in threading.enumerate() if each not in before and not each.daemon
+        )
 
 
 def threads() -> list[threading.Thread]:
@@ -57,7 +67,9 @@ def threads() -> list[threading.Thread]:
 
 @contextmanager
 def _as_script(module: ModuleType, folder: Path) -> Iterator[None]:
-    """Let a file import its neighbours, and dataclasses in it find their module, as when Python runs it."""
+    """Let a file import its neighbours, and dataclasses in it find their module, as when Python
+    runs it.
+    """
     path = [*sys.path]
     sys.modules[module.__name__] = module
     sys.path.append(str(folder.resolve()))  # last: a neighbour such as json.py hides no package
@@ -70,7 +82,9 @@ def _as_script(module: ModuleType, folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _unchanged() -> Iterator[None]:
-    """Put back the directory, the warnings and the limits of this process: the file's were for itself."""
+    """Put back the directory, the warnings and the limits of this process: the file's were for
+    itself.
+    """
     import numpy as np
 
     here, depth = _directory(), sys.getrecursionlimit()
@@ -93,7 +107,9 @@ def _directory() -> str | None:
 
 @contextmanager
 def _streams() -> Iterator[None]:
-    """Send what the file prints to stderr, where messages go; streams that it closes or replaces are put back."""
+    """Send what the file prints to stderr, where messages go; streams that it closes or replaces
+    are put back.
+    """
     streams = {name: getattr(sys, name) for name in ("stdin", "stdout", "stderr")}
     kept = [(number, _duplicate(number)) for number in range(3)]
     _flush()
@@ -143,7 +159,9 @@ class _Borrowed:
 def _neighbours(path: Path) -> str:
     """Suggest the problem files beside a path that does not exist."""
     try:
-        there = sorted(each.name for each in path.parent.glob("*.py")) if path.parent.is_dir() else []
+        there = (
+            sorted(each.name for each in path.parent.glob("*.py")) if path.parent.is_dir() else []
+        )
     except (OSError, ValueError):
         return ""
     return suggest(path.name, there).replace("there", f"in {path.parent} there") if there else ""

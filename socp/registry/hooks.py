@@ -1,6 +1,7 @@
 """What a plugin may provide; pluggy calls these by name.
 
-Problems need no hook: they are entries of the group `socp.problems`, so that they can be listed without being imported.
+Problems need no hook: they are entries of the group `socp.problems`, so that they can be listed
+without being imported.
 """
 
 from collections.abc import Iterable
@@ -26,13 +27,18 @@ def socp_methods() -> "Iterable[type[Method]]":  # type: ignore[empty-body]
 
 @hookspec
 def socp_solved(problem: "Problem", solution: "Solution") -> None:
-    """Look at a finished solve: a recorder or a writer. What it raises is reported and fails nothing."""
+    """Look at a finished solve: a recorder or a writer. What it raises is reported and fails
+    nothing.
+    """
 
 
 @hookspec
-def socp_recorder(problem: "Problem", path: "Path | None", live: str, runs: int) -> "Recorder | None":
+def socp_recorder(
+    problem: "Problem", path: "Path | None", live: str, runs: int
+) -> "Recorder | None":
     """Return a recorder of one solve of a problem, or of several `runs` to be compared.
 
-    It writes to the file `path`, to the viewer at the address `live`, or to both; None and "" mean neither. The first
-    plugin that returns one is asked. What it raises, then or later, is reported, ends the recording and fails nothing.
+    It writes to the file `path`, to the viewer at the address `live`, or to both; None and "" mean
+    neither. The first plugin that returns one is asked. What it raises, then or later, is reported,
+    ends the recording and fails nothing.
     """

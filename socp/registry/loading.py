@@ -27,7 +27,10 @@ def load_problem(given: str, registry: Registry) -> "Problem":
     if given in registry.entries:
         return registry.problem(given)
     if not given.strip():
-        raise ProblemError("an empty name where a problem is needed; give a problem file or a name, see 'socp list'")
+        raise ProblemError(
+            "an empty name where a problem is needed; give a problem file or a name, see 'socp "
+            "list'"
+        )
     if given.endswith(".py") or os.path.exists(given) or len(Path(given).parts) > 1:  # noqa: PTH110 - as below
         return load_file(Path(given))
     return registry.problem(given)
@@ -36,7 +39,9 @@ def load_problem(given: str, registry: Registry) -> "Problem":
 def load_file(path: Path, name: str = "problem") -> "Problem":
     """Run a problem file and return the problem that it defines under a name."""
     if path.suffix == ".json" and os.path.exists(path):  # noqa: PTH110 - Path.exists raises for a name too long
-        raise ProblemError(f"{path} is no problem file; to start from a result, give --guess {path}")
+        raise ProblemError(
+            f"{path} is no problem file; to start from a result, give --guess {path}"
+        )
     module = ModuleType(f"socp_problem_{path.stem}")
     module.__file__ = str(path)
     try:
@@ -64,15 +69,21 @@ def load_guess(path: str, problem: "Problem") -> "Solution":
 
 
 def fitting(path: str, guess: "Solution", problem: "Problem") -> "Solution":
-    """Return a saved result as it is; SolveError where its states, controls or parameters are not the problem's."""
+    """Return a saved result as it is; SolveError where its states, controls or parameters are not
+    the problem's.
+    """
     for kind in ("state", "control"):
         saved, wanted = (getattr(each, f"{kind}_names") for each in (guess, problem))
         if saved != wanted:
             has, needs = (", ".join(names) or "none" for names in (saved, wanted))
-            raise SolveError(f"{path}: its {kind}s are {has}, but those of problem '{problem.name}' are {needs}")
+            raise SolveError(
+                f"{path}: its {kind}s are {has}, but those of problem '{problem.name}' are {needs}"
+            )
     missing = [name for name in problem.parameter_names if name not in guess.parameters]
     if missing:
-        raise SolveError(f"{path}: has no parameter '{missing[0]}', which problem '{problem.name}' needs")
+        raise SolveError(
+            f"{path}: has no parameter '{missing[0]}', which problem '{problem.name}' needs"
+        )
     return guess
 
 
@@ -84,7 +95,9 @@ def _pick(module: ModuleType, path: Path, name: str) -> "Problem":
         value = vars(module)[name]
         if isinstance(value, Problem):
             return value
-        raise ProblemError(f"{path}: '{name}' is {a(value)}, not a Problem; {_instead(value, name, path, found)}")
+        raise ProblemError(
+            f"{path}: '{name}' is {a(value)}, not a Problem; {_instead(value, name, path, found)}"
+        )
     if name == "problem":
         hint = f"write {path}:{found[0]}" if found else "assign one: problem = Problem(...)"
         there = f" (it has {', '.join(found)})" if found else ""
@@ -108,7 +121,9 @@ def _instead(value: Any, name: str, path: Path, found: list[str]) -> str:
 
 
 def _located(path: Path, error: BaseException) -> str:
-    """Return the message of an error in a problem file, with the line of the file, and that line itself."""
+    """Return the message of an error in a problem file, with the line of the file, and that line
+    itself.
+    """
     line = line_of(error, str(path))
     text = f"the file calls exit({said(error)})" if isinstance(error, SystemExit) else reason(error)
     if line is None:

@@ -1,4 +1,6 @@
-"""The registry: methods, problems and listeners of installed packages; broken ones are kept apart with the reason."""
+"""The registry: methods, problems and listeners of installed packages; broken ones are kept apart
+with the reason.
+"""
 
 import os
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -48,7 +50,8 @@ class PluginError(MethodError):
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Registry:
-    """What is installed: `plugins` with their fates, `methods` by name, registered problems by name in `entries`.
+    """What is installed: `plugins` with their fates, `methods` by name, registered problems by name
+    in `entries`.
 
     `refused` are problems whose name was taken; `warnings` are lines for the user.
     """
@@ -62,10 +65,12 @@ class Registry:
 
     @classmethod
     def load(cls, *, only: Collection[str] | None = None, without: Collection[str] = ()) -> Self:
-        """Load the plugins of all installed packages, but only those named in `only` and none named in `without`.
+        """Load the plugins of all installed packages, but only those named in `only` and none named
+        in `without`.
 
-        Where `only` is None the environment variable SOCP_PLUGINS decides: a comma list of names, empty for none, unset
-        for all. Problems are not imported. A broken plugin raises nothing; MethodError names an unknown `without`.
+        Where `only` is None the environment variable SOCP_PLUGINS decides: a comma list of names,
+        empty for none, unset for all. Problems are not imported. A broken plugin raises nothing;
+        MethodError names an unknown `without`.
         """
         found = points(PLUGINS)
         names = sorted({point.name for point in found})
@@ -84,16 +89,22 @@ class Registry:
             elif wanted is not None and point.name not in wanted:
                 plugin = replace(plugin, status="off", reason=f"not named by {source}")
             elif any(other.name == point.name for other in plugins):
-                plugin = replace(plugin, status="failed", reason=f"there is a plugin '{point.name}' already")
+                plugin = replace(
+                    plugin, status="failed", reason=f"there is a plugin '{point.name}' already"
+                )
             else:
                 plugin = _load(point, plugin, manager, methods)
             plugins.append(plugin)
         entries, refused = _entries()
         warnings = tuple(f"{source}: no plugin '{name}'{suggest(name, names)}" for name in unknown)
         return cls(
-            plugins=tuple(plugins), methods=methods, entries=entries, refused=refused,
-            warnings=warnings, manager=manager,
-        )  # fmt: skip
+            plugins=tuple(plugins),
+            methods=methods,
+            entries=entries,
+            refused=refused,
+            warnings=warnings,
+            manager=manager,
+        )
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -103,20 +114,32 @@ class Registry:
     @property
     def failures(self) -> tuple[Plugin | Entry, ...]:
         """Plugins that failed, wholly or in part, and problems that were refused."""
-        return (*(plugin for plugin in self.plugins if plugin.status in {"failed", "partly"}), *self.refused)
+        return (
+            *(plugin for plugin in self.plugins if plugin.status in {"failed", "partly"}),
+            *self.refused,
+        )
 
     def method(self, name: str) -> "type[Method]":
-        """Return a method by name; MethodError suggests the closest one, PluginError says which plugin failed."""
+        """Return a method by name; MethodError suggests the closest one, PluginError says which
+        plugin failed.
+        """
         if name in self.methods:
             return self.methods[name]
         for plugin in self.plugins:
-            if plugin.name.replace("_", "-") == name.replace("_", "-") and plugin.status != "loaded":
+            if (
+                plugin.name.replace("_", "-") == name.replace("_", "-")
+                and plugin.status != "loaded"
+            ):
                 kind = MethodError if plugin.status == "off" else PluginError
-                raise kind(f"method '{name}': plugin '{plugin.name}' is {plugin.status}: {plugin.reason}")
+                raise kind(
+                    f"method '{name}': plugin '{plugin.name}' is {plugin.status}: {plugin.reason}"
+                )
         raise MethodError(f"unknown method '{short(name)}'{suggest(name, self.methods)}")
 
     def problem(self, name: str) -> "Problem":
-        """Import and return a registered problem; ProblemError says what is wrong with it, or which name is closest."""
+        """Import and return a registered problem; ProblemError says what is wrong with it, or which
+        name is closest.
+        """
         if name not in self.entries:
             raise ProblemError(f"unknown problem '{short(name)}'{suggest(name, self.entries)}")
         entry = self.entries[name]
@@ -142,11 +165,16 @@ class Registry:
             try:
                 called(call, problem=problem, solution=sealed(solution))
             except Exception as error:  # noqa: BLE001 - a listener's fault is not the solve's
-                complaints.append(f"{plugin.who}: socp_solved: {explain(error, origin(plugin.target))}")
+                complaints.append(
+                    f"{plugin.who}: socp_solved: {explain(error, origin(plugin.target))}"
+                )
         return complaints
 
-    def recorder(self, problem: "Problem", path: "Path | None", live: str = "", runs: int = 1) -> "Guarded":
-        """Return the first recorder that a plugin offers, guarded: it raises nothing and complains in a line.
+    def recorder(
+        self, problem: "Problem", path: "Path | None", live: str = "", runs: int = 1
+    ) -> "Guarded":
+        """Return the first recorder that a plugin offers, guarded: it raises nothing and complains
+        in a line.
 
         MethodError says so where no plugin records.
         """
@@ -182,12 +210,16 @@ def _explained(plugin: Plugin, error: BaseException) -> str:
 
 
 def as_problem(found: Any, where: str) -> "Problem":
-    """Return an object that is a Problem as it is; ProblemError, starting with `where`, says what it is instead."""
+    """Return an object that is a Problem as it is; ProblemError, starting with `where`, says what
+    it is instead.
+    """
     from socp.model import Problem
 
     if not isinstance(found, Problem):
         kind = type(found).__name__
-        raise ProblemError(f"{where} is {'an' if kind[0].lower() in 'aeiou' else 'a'} {kind}, not a Problem")
+        raise ProblemError(
+            f"{where} is {'an' if kind[0].lower() in 'aeiou' else 'a'} {kind}, not a Problem"
+        )
     return found
 
 
@@ -202,7 +234,11 @@ def _entries() -> tuple[dict[str, Entry], tuple[Entry, ...]]:
         entry = Entry(name=point.name, target=point.value, package=package(point))
         first = entries.setdefault(point.name, entry)
         if first is not entry:
-            refused.append(replace(entry, reason=f"there is a problem '{point.name}' already, from {first.package}"))
+            refused.append(
+                replace(
+                    entry, reason=f"there is a problem '{point.name}' already, from {first.package}"
+                )
+            )
     return entries, tuple(refused)
 
 
@@ -212,25 +248,34 @@ def _manager() -> pluggy.PluginManager:
 
 
 def _load(
-    point: metadata.EntryPoint, plugin: Plugin, manager: pluggy.PluginManager, methods: "dict[str, type[Method]]"
+    point: metadata.EntryPoint,
+    plugin: Plugin,
+    manager: pluggy.PluginManager,
+    methods: "dict[str, type[Method]]",
 ) -> Plugin:
     """Load one plugin on trial, admit it to the manager, and return what became of it."""
     try:
         module, hooks, accepted, refusals = called(_tried, point, dict(methods))
     except Exception as error:  # noqa: BLE001 - one broken plugin stops nothing
-        return replace(plugin, status="failed", reason=explain(error, origin(point.value)), error=error)
+        return replace(
+            plugin, status="failed", reason=explain(error, origin(point.value)), error=error
+        )
     methods |= accepted
     useful = accepted or set(LISTENERS) & set(hooks)
     status: Status = "loaded" if not refusals else "partly" if useful else "failed"
     if status != "failed":
         manager.register(module, name=point.name)
-    return replace(plugin, status=status, reason="; ".join(refusals), methods=tuple(accepted), hooks=hooks)
+    return replace(
+        plugin, status=status, reason="; ".join(refusals), methods=tuple(accepted), hooks=hooks
+    )
 
 
 def _tried(
     point: metadata.EntryPoint, methods: "dict[str, type[Method]]"
 ) -> "tuple[Any, tuple[str, ...], dict[str, type[Method]], list[str]]":
-    """Import a plugin; returns its module, its hooks, its methods by name, and why others of them are refused."""
+    """Import a plugin; returns its module, its hooks, its methods by name, and why others of them
+    are refused.
+    """
     module = point.load()
     hooks, offered = _trial(module)
     accepted, refusals = dict[str, Any](), list[str]()
@@ -243,7 +288,9 @@ def _tried(
 
 
 def _trial(module: Any) -> tuple[tuple[str, ...], list[Any]]:
-    """Return the hooks of a plugin and the methods it offers, tried in a manager of its own where it harms none."""
+    """Return the hooks of a plugin and the methods it offers, tried in a manager of its own where
+    it harms none.
+    """
     trial = _manager()
     trial.register(module)
     hooks = tuple(caller.name for caller in trial.get_hookcallers(module) or ())

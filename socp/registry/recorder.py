@@ -1,4 +1,6 @@
-"""Recorders as plugins provide them, and the guard around one: its failure is a line, never the end of a solve."""
+"""Recorders as plugins provide them, and the guard around one: its failure is a line, never the end
+of a solve.
+"""
 
 import copy
 from collections.abc import Callable
@@ -60,7 +62,9 @@ class Guarded:
 
 
 def sealed(solution: "Solution") -> "Solution":
-    """Return a copy of a solution for strangers: its arrays cannot be written to, and nothing else in it is shared."""
+    """Return a copy of a solution for strangers: its arrays cannot be written to, and nothing else
+    in it is shared.
+    """
     found = copy.deepcopy({each.name: getattr(solution, each.name) for each in fields(solution)})
     for arc in found["arcs"]:
         for values in (arc.t, arc.x, arc.u, arc.costate, arc.mesh, *arc.multipliers.values()):

@@ -1,4 +1,6 @@
-"""Coarse nodes of a search over words: one word, one interval an arc, ends that may be missed at a price."""
+"""Coarse nodes of a search over words: one word, one interval an arc, ends that may be missed at a
+price.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -17,14 +19,16 @@ from socp.transcription import PhasedProblem, follow, lgr, uniform
 
 _TINY = 1e-3  # of the horizon: an arc as short is tried without
 _STEP, _DEAREST = 10.0, 1e3  # times the first price of missing an end
-# to compare words takes no more digits; the word before is near, and a large barrier would lead away from it
+# to compare words takes no more digits; the word before is near, and a large barrier would lead
+# away from it
 _OPTIONS = {"tol": 1e-8, "max_iter": 100, "mu_init": 1e-3}
 
 
 @final
 @dataclass(eq=False)
 class Coarse:
-    """Solves along words with `points` collocation points an arc and no more work than the ration allows.
+    """Solves along words with `points` collocation points an arc and no more work than the ration
+    allows.
 
     softly: returns the problem with softened ends, at its price times a factor.
     """
@@ -36,12 +40,16 @@ class Coarse:
     price: float = 1.0
 
     def __call__(self, now: Candidate, watch: Watch = silent) -> Solution | None:
-        """Solve along a word, its laws boxed where they would leave the box; None where there is no such programme."""
+        """Solve along a word, its laws boxed where they would leave the box; None where there is no
+        such programme.
+        """
         try:
             phased = follow(self.problem, Word(self.problem.control_names, now.arcs))
             solution = self._solved(phased, now, watch)
             if solution.stop.ok and not sound(self.problem, solution):
-                boxed = replace(phased, phases=tuple(replace(phase, boxed=True) for phase in phased.phases))
+                boxed = replace(
+                    phased, phases=tuple(replace(phase, boxed=True) for phase in phased.phases)
+                )
                 kept = self._solved(boxed, now, watch)
                 solution = kept if kept.stop.ok else solution
         except (MethodError, SolveError):
@@ -68,7 +76,9 @@ def staggered(now: Candidate) -> Iterator[Candidate]:
         for i, (a, b) in enumerate(zip(before, after, strict=True)):
             between = (*before[:i], b, *before[i + 1 :])
             if a != b and between != after:
-                yield planted(now, between, now.edges[k + 1] - 1e-9 * (now.edges[-1] - now.edges[0]))
+                yield planted(
+                    now, between, now.edges[k + 1] - 1e-9 * (now.edges[-1] - now.edges[0])
+                )
 
 
 def trimmed(now: Candidate) -> Candidate | None:

@@ -1,7 +1,9 @@
-"""Branch over words with a bound on their switches: solve a word, insert what lowers its objective, judge what is left.
+"""Branch over words with a bound on their switches: solve a word, insert what lowers its objective,
+judge what is left.
 
-A node is a programme along one word with one interval an arc. Its children have one more arc, where the mode-insertion
-gradient is negative; a node that none improves is solved at full accuracy, judged, and mended if it is no extremal.
+A node is a programme along one word with one interval an arc. Its children have one more arc, where
+the mode-insertion gradient is negative; a node that none improves is solved at full accuracy,
+judged, and mended if it is no extremal.
 """
 
 import time
@@ -24,15 +26,19 @@ from socp.search.refinement import tried
 from socp.search.softening import missed
 from socp.transcription import tails
 
-_PAYS = 1e-6  # of the Hamiltonian's terms, beside how far the mesh is off: below, an insertion gains nothing
+# Of the Hamiltonian's terms, beside how far the mesh is off: below, an insertion gains nothing
+_PAYS = 1e-6
 _MISSED = 1e-6  # of the states: softened ends are met up to the solver's tolerance
 _CHILDREN = 6  # insertions tried of one node, the steepest ones
 _LOOKED = 0.02  # of an arc: the length of an insertion by which children are compared
 _EQUAL = 1e-8  # of the objective: an arc that is worth less is not needed
 _LATER = 1e-3  # of the objective: by how much what is merely possible waits for what is promising
-_SLIGHT = 3e-5  # of the objective: what the best child promises then is worth no more than the judge's word
+# Of the objective: what the best child promises then is worth no more than the judge's word
+_SLIGHT = 3e-5
 _NODES = 60  # words tried with one bound on the switches
-_TRANSIT = 2  # switches beyond the bound that a word may have on the way: an arc inside another, if two others vanish
+# Switches beyond the bound that a word may have on the way: an arc inside another, if two others
+# vanish
+_TRANSIT = 2
 
 
 @final
@@ -40,7 +46,8 @@ _TRANSIT = 2  # switches beyond the bound that a word may have on the way: an ar
 class Child:
     """A word to try, and what it is expected to reach.
 
-    mends: it is what the judge found wrong put right, and is worth judging even if it was solved before.
+    mends: it is what the judge found wrong put right, and is worth judging even if it was solved
+    before.
     """
 
     rank: float
@@ -56,10 +63,12 @@ class Child:
 @final
 @dataclass(eq=False)
 class Branching:
-    """A search over words, best first; `switches` bounds them, and is raised up to `most` when nothing is left.
+    """A search over words, best first; `switches` bounds them, and is raised up to `most` when
+    nothing is left.
 
-    until: end of the time allowed, on the clock of `time.monotonic`. `lead` is the best word within the bound so far,
-    `beyond` what was met on the way that has more switches, `best` the best judged solution.
+    until: end of the time allowed, on the clock of `time.monotonic`. `lead` is the best word within
+    the bound so far, `beyond` what was met on the way that has more switches, `best` the best
+    judged solution.
     """
 
     coarse: Coarse
@@ -81,7 +90,9 @@ class Branching:
         self.ledger = Ledger(len(self.modes))
 
     def search(self, watch: Watch = silent) -> None:
-        """Try what is in the queue, and what comes of it, until a word is certified or nothing is left to try."""
+        """Try what is in the queue, and what comes of it, until a word is certified or nothing is
+        left to try.
+        """
         count = 0
         while not self.over:
             if self.lead is not None and self.lead.key not in self.judged and self._nearly_done:
@@ -93,7 +104,9 @@ class Branching:
                 self._try(child, watch)
                 continue
             if self.lead is not None and self.lead.key not in self.judged:
-                self._settle(self.lead, watch)  # the best of its size, though something longer would improve it
+                self._settle(
+                    self.lead, watch
+                )  # the best of its size, though something longer would improve it
                 continue
             if not self._raised(watch):
                 return
@@ -107,7 +120,9 @@ class Branching:
         return known - min(fitting, default=np.inf) < _SLIGHT * abs(known)
 
     def _raised(self, watch: Watch) -> bool:
-        """Raise the bound to the fewest switches that something is left with, False where there is nothing."""
+        """Raise the bound to the fewest switches that something is left with, False where there is
+        nothing.
+        """
         longer = [each.switches for each in (*self.queue, *(child for child, _ in self.beyond))]
         longer = [switches for switches in longer if switches > self.switches]
         if self.switches >= self.most or not longer:
@@ -120,7 +135,9 @@ class Branching:
 
     @property
     def over(self) -> bool:
-        """Whether a word is certified, the work or the time allowed is done, or the search was interrupted."""
+        """Whether a word is certified, the work or the time allowed is done, or the search was
+        interrupted.
+        """
         if not self.stopped and self.coarse.ration.left <= 0:
             self.stopped = "the work allowed for the search is done"
         if not self.stopped and time.monotonic() > self.until:
@@ -131,7 +148,9 @@ class Branching:
         """Take the most promising child that has not too many switches."""
         known = {True: self.judged, False: self.tried}
         self.queue = [each for each in self.queue if each.candidate.key not in known[each.mends]]
-        fitting = [k for k, each in enumerate(self.queue) if each.switches <= self.switches + _TRANSIT]
+        fitting = [
+            k for k, each in enumerate(self.queue) if each.switches <= self.switches + _TRANSIT
+        ]
         return self.queue.pop(min(fitting, key=lambda k: self.queue[k].rank)) if fitting else None
 
     def _try(self, child: Child, watch: Watch) -> None:
@@ -147,7 +166,9 @@ class Branching:
         if solution is None or not solution.stop.ok:
             self.ledger.failed.add(now.arcs)
             later = abs(child.rank) * _LATER
-            self.queue += [Child(child.rank + later * (k + 1), c) for k, c in enumerate(staggered(now))]
+            self.queue += [
+                Child(child.rank + later * (k + 1), c) for k, c in enumerate(staggered(now))
+            ]
             return
         self.ledger.solved.add(now.arcs)
         self._branch(child, solution, watch)
@@ -169,11 +190,15 @@ class Branching:
         if self.lead is None or solution.objective < self._worth(self.lead, short):
             self.lead = short
         if not sound(self.coarse.problem, solution):
-            self.queue += self._ranked(mends(self.coarse.problem, full, solution), solution.objective)
+            self.queue += self._ranked(
+                mends(self.coarse.problem, full, solution), solution.objective
+            )
             return
         children = list(self._insertions(short, solution))
         self.queue += children
-        if not children and missed(solution) > _MISSED and self.coarse.dearer():  # missing the ends is too cheap
+        if (
+            not children and missed(solution) > _MISSED and self.coarse.dearer()
+        ):  # missing the ends is too cheap
             self.queue.append(Child(solution.objective, short))
             self.tried.clear()
             self.lead = None
@@ -181,12 +206,16 @@ class Branching:
             self._settle(short, watch)
 
     def _worth(self, lead: Candidate, other: Candidate) -> float:
-        """Return what another word has to be below to take the lead: a little more if it has fewer arcs."""
+        """Return what another word has to be below to take the lead: a little more if it has fewer
+        arcs.
+        """
         more = _EQUAL if len(other.arcs) < len(lead.arcs) else 0.0
         return lead.source.objective + more * abs(lead.source.objective)
 
     def _insertions(self, now: Candidate, solution: Solution) -> Iterator[Child]:
-        """Yield the words whose additional arc lowers the objective; enter those whose does not in the ledger."""
+        """Yield the words whose additional arc lowers the objective; enter those whose does not in
+        the ledger.
+        """
         found = insertions(self.coarse.problem, solution, self.modes)
         scale = scales(self.coarse.problem, solution)
         off = max(float(tails(arc, scale).max()) for arc in solution.arcs)
@@ -206,7 +235,9 @@ class Branching:
                 yield Child(solution.objective + each.slope * length, new)
 
     def _settle(self, now: Candidate, watch: Watch) -> None:
-        """Judge a word, but first see whether its shortest arc is needed where that is very short."""
+        """Judge a word, but first see whether its shortest arc is needed where that is very
+        short.
+        """
         fewer = trimmed(now)
         if fewer is not None and fewer.key not in self.tried:
             self._try(Child(now.source.objective, fewer), watch)
@@ -214,7 +245,9 @@ class Branching:
             self.verify(now, watch)
 
     def verify(self, now: Candidate, watch: Watch) -> None:
-        """Solve a word at full accuracy and judge it; what the judge finds wrong are further children."""
+        """Solve a word at full accuracy and judge it; what the judge finds wrong are further
+        children.
+        """
         self.judged.add(now.key)
         solution = tried(self.coarse.problem, now, self.coarse.ration, self._watched(watch, now))
         self._note(now, solution)
@@ -226,11 +259,15 @@ class Branching:
         if solution.extremal or self.best is None or rank(solution) < rank(self.best):
             self.best = solution
         if not solution.extremal:
-            self.queue += self._ranked(mends(self.coarse.problem, now, solution), solution.objective)
+            self.queue += self._ranked(
+                mends(self.coarse.problem, now, solution), solution.objective
+            )
 
     def _ranked(self, candidates: Iterator[Candidate], objective: float) -> Iterator[Child]:
         for k, each in enumerate(candidates):
-            yield Child(objective + abs(objective) * (_LATER * k / 10.0 - _SLIGHT), each, mends=True)
+            yield Child(
+                objective + abs(objective) * (_LATER * k / 10.0 - _SLIGHT), each, mends=True
+            )
 
     def _watched(self, watch: Watch, now: Candidate) -> Watch:
         if watch is silent:

@@ -12,13 +12,16 @@ from socp.model import Mode, Solution, Word
 Joint = tuple[Mode, ...]
 
 
-_SPROUT = 0.02  # of the arc that it is put into: the first length of an inserted arc, soon corrected by the solver
+# Of the arc that it is put into: the first length of an inserted arc, soon corrected by the solver
+_SPROUT = 0.02
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A word to try: its arcs with their edges in time, and the solution whose states are the guess."""
+    """A word to try: its arcs with their edges in time, and the solution whose states are the
+    guess.
+    """
 
     arcs: tuple[Joint, ...]
     edges: tuple[float, ...]
@@ -61,12 +64,16 @@ def planted(given: Candidate, new: Joint, t: float) -> Candidate:
     start = a if start - a < 2.0 * length else b - length if b - start < 3.0 * length else start
     arc = given.arcs[k]
     arcs = (*given.arcs[:k], arc, new, arc, *given.arcs[k + 1 :])
-    cut = Candidate(arcs, (*given.edges[: k + 1], start, start + length, *given.edges[k + 1 :]), given.source)
+    cut = Candidate(
+        arcs, (*given.edges[: k + 1], start, start + length, *given.edges[k + 1 :]), given.source
+    )
     return merged(without(cut, 0.0))
 
 
 def without(given: Candidate, shortest: float) -> Candidate:
-    """Return a candidate without the arcs that are no longer than the shortest; the longest one stays in any case."""
+    """Return a candidate without the arcs that are no longer than the shortest; the longest one
+    stays in any case.
+    """
     longest = int(np.argmax(np.diff(given.edges)))  # of a horizon that shrank to a point too
     keep = [k for k, (a, b) in enumerate(pairwise(given.edges)) if b - a > shortest or k == longest]
     edges = (given.edges[0], *(given.edges[k] for k in keep[1:]), given.edges[-1])

@@ -1,4 +1,6 @@
-"""What a search comes to: the best of all that it had in hand, words and direct solutions, and what is left open."""
+"""What a search comes to: the best of all that it had in hand, words and direct solutions, and what
+is left open.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,19 +14,30 @@ from socp.solvers import Ipopt
 from socp.transcription import Mesh, euler, single_phase, trapezoid, uniform
 from socp.verdict import chattering, judge, verify
 
-_FURTHER = 5e5  # iterations times variables from a point that betters a certified one: half of what a search may do
+# Iterations times variables from a point that betters a certified one: half of what a search may do
+_FURTHER = 5e5
 _WORDS = 20  # words tried there
-_FAR = 0.05  # of the objective: a coarse grid that claims so much less than a certified solution is worth a finer one
-_FINER = (uniform(euler(), 800), uniform(trapezoid(), 400))  # after 20 to 200 intervals of the first solves
-_DIRECT = Ipopt({"tol": 1e-7, "max_iter": 150})  # from a solution nearby it takes some ten iterations
+# Of the objective: a coarse grid that claims so much less than a certified solution is worth a
+# finer one
+_FAR = 0.05
+_FINER = (
+    uniform(euler(), 800),
+    uniform(trapezoid(), 400),
+)  # after 20 to 200 intervals of the first solves
+_DIRECT = Ipopt(
+    {"tol": 1e-7, "max_iter": 150}
+)  # from a solution nearby it takes some ten iterations
 
 
-def concluded(problem: Problem, search: Search, directs: Sequence[Solution], watch: Watch = silent) -> Solution:
-    """Return the certified solution, or else the best there is, with what is left open in its message.
+def concluded(
+    problem: Problem, search: Search, directs: Sequence[Solution], watch: Watch = silent
+) -> Solution:
+    """Return the certified solution, or else the best there is, with what is left open in its
+    message.
 
-    A word and direct solutions, one at least, are compared by feasibility and by the objectives that their controls
-    reach by re-integration. A direct solution that happens to be an extremal, its switches on the grid, goes before
-    any word that is none.
+    A word and direct solutions, one at least, are compared by feasibility and by the objectives
+    that their controls reach by re-integration. A direct solution that happens to be an extremal,
+    its switches on the grid, goes before any word that is none.
     """
     best = search.best
     if best is not None and not best.stop.ok:
@@ -33,7 +46,9 @@ def concluded(problem: Problem, search: Search, directs: Sequence[Solution], wat
         known = bettered(problem, search, directs)
         return best if known is None else replace(best, message=f"{best.message}; {_worse(known)}")
     solved = [each for each in directs if each.stop.ok]
-    certain = next((each for each in (judge(problem, one) for one in solved[:2]) if each.extremal), None)
+    certain = next(
+        (each for each in (judge(problem, one) for one in solved[:2]) if each.extremal), None
+    )
     if certain is not None:  # of the best start
         return certain
     chosen, compared = foremost(problem, best, solved, watch)
@@ -45,8 +60,10 @@ def concluded(problem: Problem, search: Search, directs: Sequence[Solution], wat
 
 def foremost(
     problem: Problem, word: Solution | None, directs: Sequence[Solution], watch: Watch = silent
-) -> tuple[Solution | None, str]:  # fmt: skip
-    """Return the better of the best word and the best direct solution, judged, and a text that tells which it is."""
+) -> tuple[Solution | None, str]:
+    """Return the better of the best word and the best direct solution, judged, and a text that
+    tells which it is.
+    """
     direct = _best(problem, directs, word, watch)
     if direct is None:
         return word, ""
@@ -54,12 +71,15 @@ def foremost(
     if word is None:
         return direct, "this is a direct solution"
     if precedes(direct, word):
-        return direct, f"this is a direct solution; the best word tried, {word.word}, reaches {_reaches(word)}"
+        other = f"the best word tried, {word.word}, reaches {_reaches(word)}"
+        return direct, f"this is a direct solution; {other}"
     return word, f"this is the best word tried; the best direct solution reaches {_reaches(direct)}"
 
 
 def bettered(problem: Problem, search: Search, directs: Sequence[Solution]) -> Solution | None:
-    """Return the best feasible point in hand that is clearly better than a certified solution, if there is one."""
+    """Return the best feasible point in hand that is clearly better than a certified solution, if
+    there is one.
+    """
     if search.best is None:
         return None
     hopeful = [each for each in directs if each.stop.ok and each.objective < search.best.objective]
@@ -69,16 +89,24 @@ def bettered(problem: Problem, search: Search, directs: Sequence[Solution]) -> S
     return min(better, key=lambda each: each.reached, default=None)
 
 
-def pursued(problem: Problem, search: Search, directs: list[Solution], watch: Watch = silent) -> None:
-    """Go on from a feasible point that is clearly better than the certified solution, for as much work as is fair.
+def pursued(
+    problem: Problem, search: Search, directs: list[Solution], watch: Watch = silent
+) -> None:
+    """Go on from a feasible point that is clearly better than the certified solution, for as much
+    work as is fair.
 
-    A better certified solution takes the place of the one that the search ended with. Where a coarse grid claims far
-    less, it is first solved on finer ones, which join the direct solutions: its own control may miss what it claims.
+    A better certified solution takes the place of the one that the search ended with. Where a
+    coarse grid claims far less, it is first solved on finer ones, which join the direct solutions:
+    its own control may miss what it claims.
     """
     best = search.best
     if best is None or not best.extremal:
         return
-    less = [each for each in directs if each.stop.ok and best.objective - each.objective > _FAR * abs(each.objective)]
+    less = [
+        each
+        for each in directs
+        if each.stop.ok and best.objective - each.objective > _FAR * abs(each.objective)
+    ]
     if less and bettered(problem, search, directs) is None:
         first = min(less, key=lambda each: each.objective)
         finer = [_again(problem, first, mesh, watch) for mesh in _FINER]
@@ -111,27 +139,38 @@ def explained(problem: Problem, search: Search) -> str:
     names = chattering(problem, best)
     if names:
         return (
-            f"{', '.join(names)}: chattering; no finite number of switches joins a bang arc to a singular arc of even "
-            f"order inside its box, so the switches pile up where they meet; this word stands for infinitely many"
+            f"{', '.join(names)}: chattering; no finite number of switches joins a bang arc to a "
+            "singular arc of even order inside its box, so the switches pile up where they meet; "
+            "this word stands for infinitely many"
         )
-    return f"{tried}; the best one leaves: {best.verdict.reasons[0] if best.verdict.reasons else 'nothing'}"
+    return (
+        f"{tried}; the best one leaves: "
+        f"{best.verdict.reasons[0] if best.verdict.reasons else 'nothing'}"
+    )
 
 
 def _best(
     problem: Problem, directs: Sequence[Solution], word: Solution | None, watch: Watch
-) -> Solution | None:  # fmt: skip
-    """Return the best direct solution, verified: of those that claim less than the word where that is feasible.
+) -> Solution | None:
+    """Return the best direct solution, verified: of those that claim less than the word where that
+    is feasible.
 
-    The grids on which words are looked for are coarse, and their controls often miss what they claim: it is solved on
-    finer ones too, whose controls keep their box between the nodes.
+    The grids on which words are looked for are coarse, and their controls often miss what they
+    claim: it is solved on finer ones too, whose controls keep their box between the nodes.
     """
     feasible = word is not None and off(word) <= FEASIBLE
-    worth = [each for each in directs if word is None or not feasible or each.objective < word.reached]
+    worth = [
+        each for each in directs if word is None or not feasible or each.objective < word.reached
+    ]
     if not worth:
-        return _verified(problem, min(directs, key=lambda each: each.objective)) if directs else None
+        return (
+            _verified(problem, min(directs, key=lambda each: each.objective)) if directs else None
+        )
     best = _first([_verified(problem, each) for each in worth])
     finer = [_again(problem, best, mesh, watch) for mesh in _FINER]
-    return _first([best, *(_verified(problem, each) for each in finer if each is not None and each.stop.ok)])
+    return _first(
+        [best, *(_verified(problem, each) for each in finer if each is not None and each.stop.ok)]
+    )
 
 
 def _first(solutions: Sequence[Solution]) -> Solution:
@@ -156,12 +195,14 @@ def _again(problem: Problem, known: Solution, mesh: Mesh, watch: Watch) -> Solut
 
 def _reaches(solution: Solution) -> str:
     missed = off(solution)
-    return f"{solution.reached:.8g}" + ("" if missed <= FEASIBLE else f", its re-integration off by {missed:.1e}")
+    return f"{solution.reached:.8g}" + (
+        "" if missed <= FEASIBLE else f", its re-integration off by {missed:.1e}"
+    )
 
 
 def _worse(known: Solution) -> str:
     what = f"along the word {known.word}" if known.structure else "a direct solution"
     return (
-        f"an extremal, but not the best: a feasible point with the objective {known.reached:.8g} is known ({what}), "
-        f"from which no certified word was found"
+        f"an extremal, but not the best: a feasible point with the objective {known.reached:.8g} "
+        f"is known ({what}), from which no certified word was found"
     )

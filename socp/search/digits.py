@@ -11,16 +11,24 @@ from socp.search.neighbours import dropped, spelled
 from socp.solvers import Backend
 from socp.verdict import judge
 
-_FINER = (1e-9, 1e-11, 1e-13)  # tolerances of the meshes that are compared where Newton does not settle
+_FINER = (
+    1e-9,
+    1e-11,
+    1e-13,
+)  # tolerances of the meshes that are compared where Newton does not settle
 _BRIEF = 1e-2  # of the horizon: a longer arc is one, however little is known of its ends
-_POINTS = 12  # their collocation points: other polynomials than those of the solution that they are compared with
+# Their collocation points: other polynomials than those of the solution that they are compared with
+_POINTS = 12
 
 
-def trusted(problem: Problem, solution: Solution, digits: int, backend: Backend, watch: Watch = silent) -> Solution:
+def trusted(
+    problem: Problem, solution: Solution, digits: int, backend: Backend, watch: Watch = silent
+) -> Solution:
     """Return a certified solution with the agreement of two computations of it, certified again.
 
-    Arcs shorter than the errors of their ends go first. Newton on its conditions follows. Where that does not settle,
-    or leaves less than `digits` digits, finer meshes are compared. What cannot be computed twice comes back as it is.
+    Arcs shorter than the errors of their ends go first. Newton on its conditions follows. Where
+    that does not settle, or leaves less than `digits` digits, finer meshes are compared. What
+    cannot be computed twice comes back as it is.
     """
     solution = settled(problem, solution, backend, watch)
     found = polished(problem, solution)
@@ -29,11 +37,15 @@ def trusted(problem: Problem, solution: Solution, digits: int, backend: Backend,
     return best if reached(best, digits) else _compared(problem, best, (digits, backend), watch)
 
 
-def settled(problem: Problem, solution: Solution, backend: Backend, watch: Watch = silent) -> Solution:
-    """Return a certified solution without the arcs that are shorter than the errors of their ends, where that does.
+def settled(
+    problem: Problem, solution: Solution, backend: Backend, watch: Watch = silent
+) -> Solution:
+    """Return a certified solution without the arcs that are shorter than the errors of their ends,
+    where that does.
 
-    Where two controls hand over at one time, an arc between the two switches is hardly felt: the errors of its ends
-    show it. The switches on both sides become one, and what is solved so is kept if it is certified and no worse.
+    Where two controls hand over at one time, an arc between the two switches is hardly felt: the
+    errors of its ends show it. The switches on both sides become one, and what is solved so is kept
+    if it is certified and no worse.
     """
     for _ in range(len(solution.arcs)):
         short = _spurious(solution)
@@ -65,7 +77,9 @@ def _spurious(solution: Solution) -> list[int]:
     if not times.size:
         return []
     joints = np.concatenate([[-np.inf], solution.junctions, [np.inf]])
-    nearest = [float(known[np.argmin(np.abs(times - t))]) if np.isfinite(t) else 0.0 for t in joints]
+    nearest = [
+        float(known[np.argmin(np.abs(times - t))]) if np.isfinite(t) else 0.0 for t in joints
+    ]
     lengths = np.array([arc.t[-1] - arc.t[0] for arc in solution.arcs])
     allowed = np.minimum(np.maximum(nearest[:-1], nearest[1:]), _BRIEF * lengths.sum())
     return np.flatnonzero(lengths < allowed).tolist()
@@ -77,9 +91,15 @@ def _is_worse(merged: Solution, solution: Solution) -> bool:
     return merged.objective > solution.objective + sum(errors)
 
 
-def _compared(problem: Problem, best: Solution, wanted: tuple[int, Backend], watch: Watch) -> Solution:
-    """Return the solution on the mesh that agrees best with the one before it, or the given one where none agrees."""
-    word = Word(problem.control_names, tuple(tuple(map(Mode.parse, arc.modes)) for arc in best.arcs))
+def _compared(
+    problem: Problem, best: Solution, wanted: tuple[int, Backend], watch: Watch
+) -> Solution:
+    """Return the solution on the mesh that agrees best with the one before it, or the given one
+    where none agrees.
+    """
+    word = Word(
+        problem.control_names, tuple(tuple(map(Mode.parse, arc.modes)) for arc in best.arcs)
+    )
     last = best
     for tolerance in _FINER:
         follower = Follower(points=_POINTS, tolerance=tolerance, longer=False, backend=wanted[1])
@@ -89,7 +109,11 @@ def _compared(problem: Problem, best: Solution, wanted: tuple[int, Backend], wat
             break
         if finer.stop is Stop.INTERRUPTED:
             return replace(best, stop=Stop.INTERRUPTED, message=finer.message)
-        judged = judge(problem, replace(finer.after(last), agreement=apart(last, finer))) if finer.stop.ok else finer
+        judged = (
+            judge(problem, replace(finer.after(last), agreement=apart(last, finer)))
+            if finer.stop.ok
+            else finer
+        )
         if not judged.extremal or not sound(problem, judged):
             break
         best, last = min(best, judged, key=_worse), judged
@@ -101,12 +125,18 @@ def _compared(problem: Problem, best: Solution, wanted: tuple[int, Backend], wat
 def apart(one: Solution, other: Solution) -> Agreement:
     """Return how far two solutions along one word are apart."""
     size = max(abs(one.objective), abs(other.objective), 1e-300)
-    ends = np.abs(np.append(one.junctions, one.final_time) - np.append(other.junctions, other.final_time))
-    return Agreement(objective=abs(one.objective - other.objective) / size, switches=float(ends.max()))
+    ends = np.abs(
+        np.append(one.junctions, one.final_time) - np.append(other.junctions, other.final_time)
+    )
+    return Agreement(
+        objective=abs(one.objective - other.objective) / size, switches=float(ends.max())
+    )
 
 
 def reached(solution: Solution, digits: int) -> bool:
-    """Tell whether as many digits are agreed on, of the objective and of the times against the horizon."""
+    """Tell whether as many digits are agreed on, of the objective and of the times against the
+    horizon.
+    """
     return _worse(solution) <= 10.0**-digits
 
 

@@ -10,7 +10,8 @@ _WORDS = 80  # words tried from all direct solutions together
 _WORK = 1e6  # iterations times variables in all: some ten seconds, and the same words at any speed
 _SETUP = 10  # iterations that building a programme is worth
 _ALIKE = 1e-3  # relative: objectives of one solution on two grids differ by as much
-_WORTH = 3.0  # times how far a re-integration is off: what that may be worth in the objective, relative as well
+# Times how far a re-integration is off: what that may be worth in the objective, relative as well
+_WORTH = 3.0
 
 # a right word takes tens of iterations; a wrong one should not take thousands
 _BACKEND = Ipopt({"tol": 1e-11, "max_iter": 300})
@@ -25,10 +26,14 @@ class Ration:
     backend: Ipopt = field(default_factory=lambda: _BACKEND)
 
     def __call__(self, nlp: NLP, guess: NLPPoint, watch: Watch = silent) -> NLPPoint:
-        """Solve with as many iterations as are left; without any the point is the guess, at its limit."""
+        """Solve with as many iterations as are left; without any the point is the guess, at its
+        limit.
+        """
         most = int(self.left / nlp.v.numel()) - _SETUP
         if most < 1:
-            return replace(guess, stop=Stop.LIMIT, message="the work allowed for the search is done")
+            return replace(
+                guess, stop=Stop.LIMIT, message="the work allowed for the search is done"
+            )
         allowed = self.backend
         if most < int(allowed.options["max_iter"]):
             allowed = Ipopt({**allowed.options, "max_iter": most})
@@ -40,7 +45,8 @@ class Ration:
 @final
 @dataclass(eq=False)
 class Search:
-    """What a search over words has tried so far: its words that were solved, their number, and the best solution.
+    """What a search over words has tried so far: its words that were solved, their number, and the
+    best solution.
 
     `refine` goes on with it from one direct solution to the next.
     """
@@ -54,20 +60,26 @@ class Search:
     other: Solution | None = None
 
     def keep(self, solution: Solution) -> None:
-        """Keep a judged word if it is the best; `other` remains the best of those that are not certified."""
+        """Keep a judged word if it is the best; `other` remains the best of those that are not
+        certified.
+        """
         if not solution.extremal and (self.other is None or precedes(solution, self.other)):
             self.other = solution
         if self.best is None or precedes(solution, self.best):
             self.best = solution
 
     def watched(self, watch: Watch, word: str) -> Watch:
-        """Return a watch that is told of the word being tried and of the best solution so far as well."""
+        """Return a watch that is told of the word being tried and of the best solution so far as
+        well.
+        """
         if watch is silent:
             return silent
         best = self.best.objective if self.best else float("nan")
         verdict = self.best.verdict if self.best else None
         violation = verdict.residual if verdict else float("nan")
-        return lambda now: watch(replace(now, stage="word", word=word, best=best, violation=violation))
+        return lambda now: watch(
+            replace(now, stage="word", word=word, best=best, violation=violation)
+        )
 
     def note(self, word: str, solution: Solution | None) -> None:
         """Keep what became of a word."""
@@ -95,10 +107,11 @@ def node(word: str, solution: Solution | None) -> Node:
 
 
 def precedes(one: Solution, other: Solution) -> bool:
-    """Tell whether one solution is to be preferred: an extremal, a feasible one, one whose control reaches less.
+    """Tell whether one solution is to be preferred: an extremal, a feasible one, one whose control
+    reaches less.
 
-    Where their objectives differ by no more than their re-integrations allow, the one that is less off goes first; of
-    two that are off by rounding alone, the one that reaches less.
+    Where their objectives differ by no more than their re-integrations allow, the one that is less
+    off goes first; of two that are off by rounding alone, the one that reaches less.
     """
     if bool(one.extremal) != bool(other.extremal):
         return bool(one.extremal)
@@ -111,7 +124,9 @@ def precedes(one: Solution, other: Solution) -> bool:
 
 
 def clearly(one: Solution, other: Solution) -> bool:
-    """Tell whether the control of one solution reaches less than that of another beyond what both are off."""
+    """Tell whether the control of one solution reaches less than that of another beyond what both
+    are off.
+    """
     doubt = _ALIKE + _WORTH * max(off(one), off(other))
     return other.reached - one.reached > doubt * max(abs(one.reached), abs(other.reached))
 
@@ -122,7 +137,9 @@ def off(solution: Solution) -> float:
 
 
 def rank(solution: Solution | None) -> tuple[bool, float]:
-    """Order solutions: feasible ones first, by the objective that their controls reach, then others by their miss."""
+    """Order solutions: feasible ones first, by the objective that their controls reach, then others
+    by their miss.
+    """
     if solution is None or solution.verdict is None:
         return (True, float("inf"))
     feasible = solution.verdict.miss <= EXTREMAL

@@ -1,8 +1,10 @@
-"""The mode-insertion gradient: what it is worth to put another mode into an arc, to first order in its length.
+"""The mode-insertion gradient: what it is worth to put another mode into an arc, to first order in
+its length.
 
-Where a mode takes the place of an arc's own for a short time h, the objective of the fixed word changes by
-h (H(mode) - H(own)), the Hamiltonians with the costate of the word's own programme (Egerstedt, Wardi, Axelsson, IEEE
-Transactions on Automatic Control 51, 2006, doi:10.1109/TAC.2005.861711; there for autonomous modes).
+Where a mode takes the place of an arc's own for a short time h, the objective of the fixed word
+changes by h (H(mode) - H(own)), the Hamiltonians with the costate of the word's own programme
+(Egerstedt, Wardi, Axelsson, IEEE Transactions on Automatic Control 51, 2006,
+doi:10.1109/TAC.2005.861711; there for autonomous modes).
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,7 +26,9 @@ _TURN = 1e-9  # of a constraint's range over its arc: slower counts as along it
 @final
 @dataclass(frozen=True, eq=False)
 class Insertion:
-    """A mode put into an arc (an index) at a time: the objective changes by `slope` times its length."""
+    """A mode put into an arc (an index) at a time: the objective changes by `slope` times its
+    length.
+    """
 
     modes: Modes
     arc: int
@@ -33,31 +37,48 @@ class Insertion:
 
 
 def insertions(problem: Problem, solution: Solution, modes: Sequence[Modes]) -> list[Insertion]:
-    """Return for every arc of a solution along a word and every other mode the best time to insert it, steepest first.
+    """Return for every arc of a solution along a word and every other mode the best time to insert
+    it, steepest first.
 
-    The costates of the solution are taken as they stand: they should be those of the programme along its word, not the
-    judge's. Where a mode is admissible at no node of an arc (its law outside the box, a state constraint violated by
-    it, a boundary mode off its constraint) there is no insertion. Arcs without length have none either.
+    The costates of the solution are taken as they stand: they should be those of the programme
+    along its word, not the judge's. Where a mode is admissible at no node of an arc (its law
+    outside the box, a state constraint violated by it, a boundary mode off its constraint) there is
+    no insertion. Arcs without length have none either.
     """
     nodes = _nodes(problem, solution)
-    found = [each for offered in modes for each in _of(nodes, solution, offered)] if nodes.t.size else []
+    found = (
+        [each for offered in modes for each in _of(nodes, solution, offered)]
+        if nodes.t.size
+        else []
+    )
     return sorted(found, key=lambda each: each.slope)
 
 
 def magnitude(problem: Problem, solution: Solution) -> float:
-    """Return the magnitude of the Hamiltonian's terms along a solution: max of |L| + sum of |lambda_i x'_i|."""
+    """Return the magnitude of the Hamiltonian's terms along a solution: max of |L| + sum of
+    |lambda_i x'_i|.
+    """
     p = parameters_of(problem, solution)
-    given = solution.rows("x"), solution.rows("u"), np.nan_to_num(solution.rows("costate")), solution.t[None, :]
-    terms = _functions(problem)["terms"].map(solution.t.size)(*given, np.repeat(p[:, None], solution.t.size, axis=1))
+    given = (
+        solution.rows("x"),
+        solution.rows("u"),
+        np.nan_to_num(solution.rows("costate")),
+        solution.t[None, :],
+    )
+    terms = _functions(problem)["terms"].map(solution.t.size)(
+        *given, np.repeat(p[:, None], solution.t.size, axis=1)
+    )
     return float(np.max(terms.full()))
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class _Nodes:
-    """Where insertions are looked at: times t (n,), their arcs (n,), states, controls and costates, H of the own modes.
+    """Where insertions are looked at: times t (n,), their arcs (n,), states, controls and costates,
+    H of the own modes.
 
-    c and its scale (nc, n): values of the state constraints; end (n,): first and last nodes of the arcs.
+    c and its scale (nc, n): values of the state constraints; end (n,): first and last nodes of the
+    arcs.
     """
 
     problem: Problem
@@ -70,7 +91,9 @@ class _Nodes:
 
     def energy(self, u: np.ndarray) -> np.ndarray:
         """Return the Hamiltonian (n,) under controls u (nu, n)."""
-        energy = _functions(self.problem)["energy"].map(self.t.size)(self.x, u, self.costate, self.t[None, :], self.p)
+        energy = _functions(self.problem)["energy"].map(self.t.size)(
+            self.x, u, self.costate, self.t[None, :], self.p
+        )
         return np.array(energy.full()).ravel()
 
     @property
@@ -80,7 +103,9 @@ class _Nodes:
         return np.isin(place, (0, _NODES - 1))
 
     def admits(self, modes: Modes, u: np.ndarray, own: Sequence[tuple[str, ...]]) -> np.ndarray:
-        """Return where (n,) a mode with controls u (nu, n) may begin, in arcs of their own modes."""
+        """Return where (n,) a mode with controls u (nu, n) may begin, in arcs of their own
+        modes.
+        """
         low, high = (row[:, None] for row in self.problem.box)
         margin = _OUTSIDE * (high - low)
         allowed: np.ndarray = ((u >= low - margin) & (u <= high + margin)).all(axis=0)
@@ -89,7 +114,9 @@ class _Nodes:
         path = _functions(self.problem)["path"].map(self.t.size)(self.x, u, self.t[None, :], self.p)
         named = {mode.constraint for mode in modes if mode.constraint}
         horizon = self.t[-1] - self.t[0]
-        for c, growth, constraint in zip(*(each.full() for each in path), self.problem.constraints, strict=True):
+        for c, growth, constraint in zip(
+            *(each.full() for each in path), self.problem.constraints, strict=True
+        ):
             size = max(float(np.ptp(c)), float(np.abs(growth).max()) * horizon, 1e-300)
             on = c > -_ACTIVE * size
             kept = np.array([f"b[{constraint.name}]" in own[k] for k in self.arc])
@@ -105,14 +132,21 @@ def _nodes(problem: Problem, solution: Solution) -> _Nodes:
     at = [k for k, arc in enumerate(solution.arcs) if arc.t[-1] > arc.t[0]]
     times, rows = [], []
     for arc in (solution.arcs[k] for k in at):
-        t = np.clip(arc.t[0] + (arc.t[-1] - arc.t[0]) * share, arc.t[0], np.nextafter(arc.t[-1], -np.inf))
+        t = np.clip(
+            arc.t[0] + (arc.t[-1] - arc.t[0]) * share, arc.t[0], np.nextafter(arc.t[-1], -np.inf)
+        )
         times.append(t)
         rows.append([arc.at(t), arc.at(t, "u"), arc.at(t, "costate")])
     count = problem.x.numel(), problem.u.numel(), problem.x.numel()
-    x, u, costate = (np.hstack([row[i] for row in rows]) if rows else np.empty((n, 0)) for i, n in enumerate(count))
+    x, u, costate = (
+        np.hstack([row[i] for row in rows]) if rows else np.empty((n, 0))
+        for i, n in enumerate(count)
+    )
     p = parameters_of(problem, solution)
     t = np.concatenate(times) if times else np.empty(0)
-    return _Nodes(problem, t, np.repeat(at, _NODES), x, u, costate, np.repeat(p[:, None], t.size, axis=1))
+    return _Nodes(
+        problem, t, np.repeat(at, _NODES), x, u, costate, np.repeat(p[:, None], t.size, axis=1)
+    )
 
 
 def _of(nodes: _Nodes, solution: Solution, modes: Modes) -> Iterator[Insertion]:
@@ -127,14 +161,20 @@ def _of(nodes: _Nodes, solution: Solution, modes: Modes) -> Iterator[Insertion]:
 
 
 def _functions(problem: Problem) -> dict[str, casadi.Function]:
-    """Return the functions of a problem that are looked at: built once, kept as its own cached properties are."""
+    """Return the functions of a problem that are looked at: built once, kept as its own cached
+    properties are.
+    """
     found: dict[str, casadi.Function] = vars(problem).setdefault("_insertion", {})
     if not found:
         c = column(each.expression for each in problem.constraints)
         growth = casadi.jtimes(c, problem.x, problem.rate) + casadi.jacobian(c, time)
-        terms = casadi.fabs(problem.lagrangian) + casadi.dot(casadi.fabs(problem.costate), casadi.fabs(problem.rate))
+        terms = casadi.fabs(problem.lagrangian) + casadi.dot(
+            casadi.fabs(problem.costate), casadi.fabs(problem.rate)
+        )
         full = [problem.x, problem.u, problem.costate, time, problem.p]
         found["energy"] = casadi.Function("energy", full, [problem.hamiltonian])
         found["terms"] = casadi.Function("terms", full, [terms])
-        found["path"] = casadi.Function("path", [problem.x, problem.u, time, problem.p], [c, growth])
+        found["path"] = casadi.Function(
+            "path", [problem.x, problem.u, time, problem.p], [c, growth]
+        )
     return found

@@ -1,4 +1,6 @@
-"""Words counted: how many there are with a given number of switches, which were looked at, and which need not be."""
+"""Words counted: how many there are with a given number of switches, which were looked at, and
+which need not be.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +13,8 @@ _MANY = 10**15  # words: nobody reads more digits
 
 
 def count(modes: int, switches: int) -> int:
-    """Return the number of words of at most so many switches, with that many modes an arc and no equal neighbours.
+    """Return the number of words of at most so many switches, with that many modes an arc and no
+    equal neighbours.
 
     A word with an arc of length zero is a shorter word, so every control has one spelling.
     """
@@ -33,7 +36,9 @@ def canonical(arcs: Letters) -> Letters:
 
 
 def inserted(arcs: Letters, k: int, modes: Modes, side: int = 0) -> Letters:
-    """Return a word with other modes put into arc k: within it, before it (side -1) or after it (side 1)."""
+    """Return a word with other modes put into arc k: within it, before it (side -1) or after it
+    (side 1).
+    """
     own = arcs[k]
     middle = {0: (own, modes, own), -1: (modes, own), 1: (own, modes)}[side]
     return canonical((*arcs[:k], *middle, *arcs[k + 1 :]))
@@ -42,10 +47,11 @@ def inserted(arcs: Letters, k: int, modes: Modes, side: int = 0) -> Letters:
 @final
 @dataclass(eq=False)
 class Ledger:
-    """What became of words: solved, without a solution, or excluded since the arc that they add does not pay.
+    """What became of words: solved, without a solution, or excluded since the arc that they add
+    does not pay.
 
-    It holds for what a local solver finds: a word without a solution may have one from another start, and a word may
-    have a second solution.
+    It holds for what a local solver finds: a word without a solution may have one from another
+    start, and a word may have a second solution.
     """
 
     modes: int
@@ -53,7 +59,9 @@ class Ledger:
     failed: set[Letters] = field(default_factory=set)
     idle: set[Letters] = field(default_factory=set)
 
-    def exclude(self, arcs: Letters, slopes: Mapping[tuple[int, Modes], float], level: float) -> None:
+    def exclude(
+        self, arcs: Letters, slopes: Mapping[tuple[int, Modes], float], level: float
+    ) -> None:
         """Enter the words with one arc more than a solved one that an insertion does not pay in.
 
         slopes: of the modes put into arcs (by index), at their best; it pays below `level`.
@@ -71,20 +79,39 @@ class Ledger:
         return any(word in each for each in (self.solved, self.failed, self.idle))
 
     def counts(self, switches: int) -> tuple[int, int, int, int, int]:
-        """Return how many words of at most so many switches there are, solved, failed, excluded, not looked at."""
-        rows = [{w for w in each if len(w) <= switches + 1} for each in (self.solved, self.failed, self.idle)]
+        """Return how many words of at most so many switches there are, solved, failed, excluded,
+        not looked at.
+        """
+        rows = [
+            {w for w in each if len(w) <= switches + 1}
+            for each in (self.solved, self.failed, self.idle)
+        ]
         solved, failed, idle = rows[0], rows[1] - rows[0], rows[2] - rows[0] - rows[1]
         total = count(self.modes, switches)
-        return total, len(solved), len(failed), len(idle), total - len(solved) - len(failed) - len(idle)
+        return (
+            total,
+            len(solved),
+            len(failed),
+            len(idle),
+            total - len(solved) - len(failed) - len(idle),
+        )
 
     def text(self, switches: int, *, closed: bool = False) -> str:
         """Say in a sentence what is known of all words of at most so many switches.
 
-        closed: one of them is an extremal with every control free in its box, and no better one is known.
+        closed: one of them is an extremal with every control free in its box, and no better one is
+        known.
         """
         total, solved, failed, idle, rest = self.counts(switches)
-        parts = [f"{solved} solved", f"{failed} without a solution", f"{idle} excluded, the arc they add does not pay"]
-        why = " (none is better if this extremal is the best one of all with every control free in its box)"
+        parts = [
+            f"{solved} solved",
+            f"{failed} without a solution",
+            f"{idle} excluded, the arc they add does not pay",
+        ]
+        why = (
+            " (none is better if this extremal is the best one of all with every control free in "
+            "its box)"
+        )
         parts.append(f"{_plain(rest)} not looked at{why if closed else ''}")
         told = ", ".join(part for part in parts if not part.startswith("0 "))
         return f"of {_plain(total)} words of at most {switches} switches {told}"

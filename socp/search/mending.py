@@ -1,4 +1,6 @@
-"""Mending words: read one off a direct solution, and change it where a judged solution says that it is wrong."""
+"""Mending words: read one off a direct solution, and change it where a judged solution says that it
+is wrong.
+"""
 
 from collections.abc import Iterator
 from itertools import pairwise, product
@@ -31,7 +33,9 @@ def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Ca
     for finding in sorted(solution.verdict.findings, key=lambda f: -f.residual):
         if finding.wants and finding.t is not None and not finding.holds:
             name = finding.where.split(",")[0]
-            if name in solution.verdict.chattering:  # what it asks for is one of infinitely many more arcs
+            if (
+                name in solution.verdict.chattering
+            ):  # what it asks for is one of infinitely many more arcs
                 continue
             control = problem.control_names.index(name)
             yield insert(now, control, finding.wants, finding.t)
@@ -46,7 +50,9 @@ def _slack(solution: Solution) -> Iterator[str]:
 
 
 def _dropped(given: Candidate, problem: Problem, label: str) -> Candidate:
-    """Return a candidate whose control goes on with its neighbouring mode on a stretch, such as `r, stretch 2 (-)`."""
+    """Return a candidate whose control goes on with its neighbouring mode on a stretch, such as `r,
+    stretch 2 (-)`.
+    """
     name, _, place = label.partition(", stretch ")
     number = int(place.partition(" ")[0]) - 1
     i, row = problem.control_names.index(name), list(given.source.structure[name])
@@ -62,10 +68,16 @@ def _dropped(given: Candidate, problem: Problem, label: str) -> Candidate:
 
 
 def _swapped(given: Candidate, k: int) -> Candidate:
-    """Return a candidate in which two controls switch in the other order around an arc without length."""
+    """Return a candidate in which two controls switch in the other order around an arc without
+    length.
+    """
     before, after = given.arcs[k - 1], given.arcs[k + 1]
-    other = tuple(b if here == a else a for a, here, b in zip(before, given.arcs[k], after, strict=True))
-    return merged(Candidate((*given.arcs[:k], other, *given.arcs[k + 1 :]), given.edges, given.source))
+    other = tuple(
+        b if here == a else a for a, here, b in zip(before, given.arcs[k], after, strict=True)
+    )
+    return merged(
+        Candidate((*given.arcs[:k], other, *given.arcs[k + 1 :]), given.edges, given.source)
+    )
 
 
 def _outside(problem: Problem, now: Candidate) -> Iterator[Candidate]:
@@ -85,23 +97,36 @@ def _violated(problem: Problem, now: Candidate) -> Iterator[Candidate]:
         return
     constraint = next(c for c in problem.constraints if c.name == found.path_at)
     t = np.linspace(now.edges[0], now.edges[-1], 2001)
-    worst = float(t[np.argmax(constraint_values(problem, now.source, constraint, t, now.source.at(t)))])
+    worst = float(
+        t[np.argmax(constraint_values(problem, now.source, constraint, t, now.source.at(t)))]
+    )
     for i in range(len(problem.control_names)):
         if constraint in laws.acting(problem, i):
             yield insert(now, i, f"b[{constraint.name}]", worst)
 
 
 def starts(first: Candidate) -> Iterator[Candidate]:
-    """Yield words with bang arcs where a control begins or ends singular: a given end is seldom on its surface."""
+    """Yield words with bang arcs where a control begins or ends singular: a given end is seldom on
+    its surface.
+    """
     ends = ((0, first.edges[0]), (-1, first.edges[-1]))
-    places = [(k, t, i) for k, t in ends for i, mode in enumerate(first.arcs[k]) if mode.kind == "singular"]
+    places = [
+        (k, t, i)
+        for k, t in ends
+        for i, mode in enumerate(first.arcs[k])
+        if mode.kind == "singular"
+    ]
     signs = ["+-" if _pulls(first.source, i, t) > 0 else "-+" for _, t, i in places]
     for choice in product((0, 1), repeat=len(places)):
         new = first
         for (_, t, i), pair, k in zip(places, signs, choice, strict=True):
             new = insert(new, i, pair[k], t)
         yield new
-    yield from (insert(first, i, sign, t) for (_, t, i), pair in zip(places, signs, strict=True) for sign in pair)
+    yield from (
+        insert(first, i, sign, t)
+        for (_, t, i), pair in zip(places, signs, strict=True)
+        for sign in pair
+    )
 
 
 def _pulls(solution: Solution, i: int, t: float) -> float:
@@ -114,11 +139,15 @@ _LOOKS = 9  # points of a stretch at which a mode is held against the control
 
 
 def substitutes(problem: Problem, given: Candidate) -> Iterator[Candidate]:
-    """Yield candidates without the arcs that have no law, the best fitting modes first; nothing where all have one."""
+    """Yield candidates without the arcs that have no law, the best fitting modes first; nothing
+    where all have one.
+    """
     possible = set(arc_modes(problem))
     lawless = [k for k, modes in enumerate(given.arcs) if modes not in possible]
     for i in range(len(problem.control_names)):
-        modes = {given.arcs[k][i] for k in lawless if given.arcs[k][i].kind in {"singular", "boundary"}}
+        modes = {
+            given.arcs[k][i] for k in lawless if given.arcs[k][i].kind in {"singular", "boundary"}
+        }
         for mode in modes:
             ranked = sorted(
                 (other for other in control_modes(problem, i) if other != mode),
@@ -129,7 +158,11 @@ def substitutes(problem: Problem, given: Candidate) -> Iterator[Candidate]:
 
 def _misfit(problem: Problem, given: Candidate, old: tuple[int, Mode], new: Mode) -> float:
     i, mode = old
-    spans = [span for modes, span in zip(given.arcs, pairwise(given.edges), strict=True) if modes[i] == mode]
+    spans = [
+        span
+        for modes, span in zip(given.arcs, pairwise(given.edges), strict=True)
+        if modes[i] == mode
+    ]
     t = np.concatenate([np.linspace(a, b, _LOOKS + 2)[1:-1] for a, b in spans])
     return float(misfit(problem, given.source, i, new, t).mean())
 

@@ -14,12 +14,18 @@ _SPROUT = 0.1  # of the shorter neighbour: the first length of an arc put betwee
 def spelled(solution: Solution) -> Candidate:
     """Return the word that a solution follows, as a candidate."""
     word = Word.parse(_text(solution), solution.control_names)
-    return Candidate(word.arcs, (solution.initial_time, *solution.junctions.tolist(), solution.final_time), solution)
+    return Candidate(
+        word.arcs,
+        (solution.initial_time, *solution.junctions.tolist(), solution.final_time),
+        solution,
+    )
 
 
 def _text(solution: Solution) -> str:
     rows = zip(*(arc.modes for arc in solution.arcs), strict=True)
-    return "; ".join(f"{name}: {' '.join(row)}" for name, row in zip(solution.control_names, rows, strict=True))
+    return "; ".join(
+        f"{name}: {' '.join(row)}" for name, row in zip(solution.control_names, rows, strict=True)
+    )
 
 
 def shortened(given: Candidate, shortest: float) -> Candidate:
@@ -29,7 +35,9 @@ def shortened(given: Candidate, shortest: float) -> Candidate:
 
 def left_out(now: Candidate) -> Iterator[Candidate]:
     """Yield a word without each of its arcs."""
-    yield from (dropped(now, k) for k in np.argsort(np.diff(now.edges)).tolist() if len(now.arcs) > 1)
+    yield from (
+        dropped(now, k) for k in np.argsort(np.diff(now.edges)).tolist() if len(now.arcs) > 1
+    )
 
 
 def dropped(now: Candidate, k: int) -> Candidate:
@@ -46,16 +54,23 @@ def changed(now: Candidate, modes: Sequence[Joint]) -> Iterator[Candidate]:
     for k, arc in enumerate(now.arcs):
         for mode in modes:
             if sum(a != b for a, b in zip(mode, arc, strict=True)) == 1:
-                yield merged(Candidate((*now.arcs[:k], mode, *now.arcs[k + 1 :]), now.edges, now.source))
+                yield merged(
+                    Candidate((*now.arcs[:k], mode, *now.arcs[k + 1 :]), now.edges, now.source)
+                )
 
 
 def put_in(now: Candidate, modes: Sequence[Joint]) -> Iterator[Candidate]:
-    """Yield words with one arc more, at an end or between two, in whose mode one control differs from a neighbour."""
+    """Yield words with one arc more, at an end or between two, in whose mode one control differs
+    from a neighbour.
+    """
     lengths = np.diff(now.edges)
     for k in range(len(now.arcs) + 1):
         before, after = (now.arcs[j] if 0 <= j < len(now.arcs) else None for j in (k - 1, k))
         beside = [each for each in (before, after) if each is not None]
-        length, t = _SPROUT * min(lengths[j] for j in (k - 1, k) if 0 <= j < len(now.arcs)), now.edges[k]
+        length, t = (
+            _SPROUT * min(lengths[j] for j in (k - 1, k) if 0 <= j < len(now.arcs)),
+            now.edges[k],
+        )
         left = t if before is None else t - length * (1.0 if after is None else 0.5)
         right = t if after is None else t + length * (1.0 if before is None else 0.5)
         edges = (*now.edges[:k], left, right, *now.edges[k + 1 :])

@@ -1,4 +1,6 @@
-"""Hidden arcs: bangs shorter than a step of the grid, found by how far they carry a control off its singular law."""
+"""Hidden arcs: bangs shorter than a step of the grid, found by how far they carry a control off its
+singular law.
+"""
 
 from itertools import pairwise
 
@@ -11,16 +13,18 @@ from socp.model import Arc, Mode, Problem, Solution, parameters_of, time
 from socp.search.candidate import Candidate, insert, merged
 from socp.verdict import structure_of
 
-# a deviation counts from so many times the median one, which the grid's own error makes, and from this share of the
-# width of the control's box
+# a deviation counts from so many times the median one, which the grid's own error makes, and from
+# this share of the width of the control's box
 _CLEAR, _LEAST = 10.0, 0.01
 
 
 def revealed(problem: Problem, first: Candidate) -> Candidate:
-    """Return a candidate with a bang arc wherever a control leaves its singular law at an end of its stretch.
+    """Return a candidate with a bang arc wherever a control leaves its singular law at an end of
+    its stretch.
 
-    The integral of the deviation over the interval there, over how far the bang is off the law, is the length of the
-    arc. A neighbouring bang of the same sign explains a deviation by itself: its switch is smeared.
+    The integral of the deviation over the interval there, over how far the bang is off the law, is
+    the length of the arc. A neighbouring bang of the same sign explains a deviation by itself: its
+    switch is smeared.
     """
     found = first
     for i, name in enumerate(problem.control_names):
@@ -46,8 +50,12 @@ def _stretches(given: Candidate, i: int) -> list[tuple[str, float, float]]:
     return found
 
 
-def _bangs(problem: Problem, given: Candidate, i: int, span: tuple[float, float]) -> list[tuple[float, str]]:
-    """Return the ends of a singular stretch of control i at which it deviates clearly, with the bound it goes to."""
+def _bangs(
+    problem: Problem, given: Candidate, i: int, span: tuple[float, float]
+) -> list[tuple[float, str]]:
+    """Return the ends of a singular stretch of control i at which it deviates clearly, with the
+    bound it goes to.
+    """
     t, off = _deviations(problem, given, i, span)
     if t.size < 4:  # too short a stretch to tell a deviation from the law's own course
         return []
@@ -59,8 +67,10 @@ def _bangs(problem: Problem, given: Candidate, i: int, span: tuple[float, float]
 
 def _deviations(
     problem: Problem, given: Candidate, i: int, span: tuple[float, float]
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return the middles of the grid's intervals in a stretch (k,) and the mean deviation of control i there (k,)."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the middles of the grid's intervals in a stretch (k,) and the mean deviation of
+    control i there (k,).
+    """
     middles: list[float] = []
     means: list[float] = []
     for modes, (a, b) in zip(given.arcs, pairwise(given.edges), strict=True):
@@ -83,7 +93,9 @@ def _deviations(
     return np.array(middles)[order], np.array(means)[order]
 
 
-def _mean(problem: Problem, given: Candidate, arc: Arc, what: tuple[int, int, casadi.Function]) -> float:
+def _mean(
+    problem: Problem, given: Candidate, arc: Arc, what: tuple[int, int, casadi.Function]
+) -> float:
     k, i, law = what
     nodes = arc.nodes(k, "u")
     x, t = arc.x[:, nodes], arc.t[nodes]
@@ -95,11 +107,15 @@ def _mean(problem: Problem, given: Candidate, arc: Arc, what: tuple[int, int, ca
     return float(np.linalg.solve(np.polynomial.legendre.legvander(tau, t.size - 1), off)[0])
 
 
-def candidate(solution: Solution, stretches: dict[str, tuple[tuple[str, float, float], ...]]) -> Candidate:
+def candidate(
+    solution: Solution, stretches: dict[str, tuple[tuple[str, float, float], ...]]
+) -> Candidate:
     """Return the word that the stretches of all controls spell together."""
     start, end = solution.initial_time, solution.final_time
     apart = 1e-9 * (end - start)
-    times = sorted({t for row in stretches.values() for _, _, t in row[:-1] if start + apart < t < end - apart})
+    times = sorted(
+        {t for row in stretches.values() for _, _, t in row[:-1] if start + apart < t < end - apart}
+    )
     edges = [start, *(t for k, t in enumerate(times) if k == 0 or t - times[k - 1] > apart), end]
     arcs = []
     for a, b in pairwise(edges):
@@ -113,13 +129,21 @@ def _mode(row: tuple[tuple[str, float, float], ...], t: float) -> str:
 
 
 def read(problem: Problem, solution: Solution, *, plain: bool = False) -> Candidate:
-    """Read the word of a direct solution, what its grid has smeared taken back, or as plainly as it stands."""
-    step = (solution.final_time - solution.initial_time) / sum(len(arc.mesh) - 1 for arc in solution.arcs)
+    """Read the word of a direct solution, what its grid has smeared taken back, or as plainly as it
+    stands.
+    """
+    step = (solution.final_time - solution.initial_time) / sum(
+        len(arc.mesh) - 1 for arc in solution.arcs
+    )
     rows = {}
     for name, row in structure_of(problem, solution).items():
         kept = list(row) if plain else _calmed(list(row), _FLUTTER * step)
         while len(kept) > 1 and not plain:
-            blurred = [k for k, (mode, a, b) in enumerate(kept) if mode not in "+-" and b - a < _BLURRED * step]
+            blurred = [
+                k
+                for k, (mode, a, b) in enumerate(kept)
+                if mode not in "+-" and b - a < _BLURRED * step
+            ]
             if not blurred:
                 break
             _absorb(kept, blurred[0])
@@ -128,7 +152,9 @@ def read(problem: Problem, solution: Solution, *, plain: bool = False) -> Candid
 
 
 def _calmed(row: list[tuple[str, float, float]], shortest: float) -> list[tuple[str, float, float]]:
-    """Return stretches in which every flutter from bound to bound, shorter than a few steps each time, is singular."""
+    """Return stretches in which every flutter from bound to bound, shorter than a few steps each
+    time, is singular.
+    """
     calm: list[tuple[str, float, float]] = []
     for k, (mode, a, b) in enumerate(row):
         flutters = 0 < k < len(row) - 1 and mode in "+-s" and b - a < shortest
@@ -154,10 +180,14 @@ def _absorb(row: list[tuple[str, float, float]], k: int) -> None:
             row[k - 1 : k + 1] = [(row[k][0], row[k - 1][1], row[k][2])]
 
 
-_BLURRED = 2.5  # steps of a grid: a stretch shorter than this, inside its box, is a switch that the grid has smeared
+# Steps of a grid: a stretch shorter than this, inside its box, is a switch that the grid has
+# smeared
+_BLURRED = 2.5
 
 
-_FLUTTER = 6.0  # steps of a grid: bangs in a row that are all shorter than this imitate a singular arc
+_FLUTTER = (
+    6.0  # steps of a grid: bangs in a row that are all shorter than this imitate a singular arc
+)
 
 
 _MANY = 6  # stretches of one control from which on short bangs are taken for flutter

@@ -1,4 +1,6 @@
-"""Structure refinement: from a direct solution to a word that the judge certifies, by solving, judging and mending."""
+"""Structure refinement: from a direct solution to a word that the judge certifies, by solving,
+judging and mending.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -17,12 +19,14 @@ from socp.solvers import Ipopt
 from socp.verdict import judge, learn
 
 _SOLVES = 40  # words tried before the search from one direct solution gives up
-_FAINT = 1e-2  # costates times their states, in the objective's units: below, a tolerance of 1e-11 costs digits
+# Costates times their states, in the objective's units: below, a tolerance of 1e-11 costs digits
+_FAINT = 1e-2
 _CLEAR = 0.1  # what they are scaled to: more would ask for digits that rounding does not leave
 _LARGEST = 1e6  # factor on the objective: what is fainter still is lost in the rounding of the cost
 _NEARLY = 1e-4  # residual and miss: what is left of a wrong word is seldom less
 _LATE = 1e3  # rank of what is tried once no mend is left: whatever mends it goes first
-_PLAIN = 3  # short arcs that a grid shows are tried as they stand up to so many; more of them are ringing
+# Short arcs that a grid shows are tried as they stand up to so many; more of them are ringing
+_PLAIN = 3
 
 
 def refine(
@@ -34,10 +38,12 @@ def refine(
     *,
     late: bool = False,
 ) -> Solution | None:
-    """Search for a certified word from a direct solution; returns the best judged solution so far, or None.
+    """Search for a certified word from a direct solution; returns the best judged solution so far,
+    or None.
 
-    Best first: what mends the solution with the least residual is tried next. It ends with the first certified word, or
-    when nothing is left to try. `late` has other words to begin with, for when those have led nowhere.
+    Best first: what mends the solution with the least residual is tried next. It ends with the
+    first certified word, or when nothing is left to try. `late` has other words to begin with, for
+    when those have led nowhere.
     """
     learn(problem, direct)
     queue: list[tuple[float, Candidate]] = []
@@ -59,14 +65,20 @@ def refine(
         search.note(word, solution)
         if solution is None or not solution.stop.ok:
             if solution is not None and solution.stop is Stop.INTERRUPTED:
-                search.best = solution if search.best is None else replace(search.best, stop=Stop.INTERRUPTED)
+                search.best = (
+                    solution if search.best is None else replace(search.best, stop=Stop.INTERRUPTED)
+                )
             elif solution is None:
-                queue += [(0.2 + 1e-3 * k, each) for k, each in enumerate(substitutes(problem, now))]
+                queue += [
+                    (0.2 + 1e-3 * k, each) for k, each in enumerate(substitutes(problem, now))
+                ]
             continue
         search.solved.add(now.key)
         search.keep(solution)
         residual = solution.verdict.residual if solution.verdict else 1.0
-        queue += [(residual + 1e-3 * k, each) for k, each in enumerate(mends(problem, now, solution))]
+        queue += [
+            (residual + 1e-3 * k, each) for k, each in enumerate(mends(problem, now, solution))
+        ]
     return search.best
 
 
@@ -79,7 +91,9 @@ def _early(problem: Problem, direct: Solution) -> Iterator[list[Candidate]]:
 
 
 def _late(problem: Problem, direct: Solution, search: Search) -> Iterator[list[Candidate]]:
-    """Yield the word of the grid as it stands, and once a search words near the controls in the integral."""
+    """Yield the word of the grid as it stands, and once a search words near the controls in the
+    integral.
+    """
     first, plain = read(problem, direct), read(problem, direct, plain=True)
     if len(plain.arcs) <= len(first.arcs) + _PLAIN:
         yield [plain]
@@ -97,12 +111,16 @@ def _late(problem: Problem, direct: Solution, search: Search) -> Iterator[list[C
 
 
 def tried(problem: Problem, now: Candidate, backend: Ration, watch: Watch) -> Solution | None:
-    """Solve along a candidate's word, with its laws boxed where they would leave the box; None where that fails."""
+    """Solve along a candidate's word, with its laws boxed where they would leave the box; None
+    where that fails.
+    """
     word = Word(problem.control_names, now.arcs)
     try:
         solution = Follower(longer=False, backend=backend)(problem, word, now.guess(), watch)
         if solution.stop.ok and not sound(problem, solution):
-            boxed = Follower(boxed=True, longer=False, backend=backend)(problem, word, now.guess(), watch)
+            boxed = Follower(boxed=True, longer=False, backend=backend)(
+                problem, word, now.guess(), watch
+            )
             solution = boxed if boxed.stop.ok else solution
     except (MethodError, SolveError):
         return None
@@ -112,7 +130,9 @@ def tried(problem: Problem, now: Candidate, backend: Ration, watch: Watch) -> So
 
 
 def _settled(problem: Problem, solution: Solution) -> Solution:
-    """Return what Newton makes of a nearly certified solution: the solver's tolerances may be all that is amiss."""
+    """Return what Newton makes of a nearly certified solution: the solver's tolerances may be all
+    that is amiss.
+    """
     verdict = solution.verdict
     if solution.extremal or verdict is None or not max(verdict.residual, verdict.miss) <= _NEARLY:
         return solution
@@ -121,9 +141,17 @@ def _settled(problem: Problem, solution: Solution) -> Solution:
     return judged if judged.extremal else solution
 
 
-def _sharpened(problem: Problem, word: Word, solution: Solution, backend: Ration, watch: Watch) -> Solution:
-    """Solve once more with the objective scaled up where costates are small: Ipopt's tolerance on them is absolute."""
-    weight = float(np.nanmax(np.abs(solution.rows("costate")) * scales(problem, solution)[:, None], initial=0.0))
+def _sharpened(
+    problem: Problem, word: Word, solution: Solution, backend: Ration, watch: Watch
+) -> Solution:
+    """Solve once more with the objective scaled up where costates are small: Ipopt's tolerance on
+    them is absolute.
+    """
+    weight = float(
+        np.nanmax(
+            np.abs(solution.rows("costate")) * scales(problem, solution)[:, None], initial=0.0
+        )
+    )
     if solution.extremal or not 0.0 < weight < _FAINT:
         return solution
     larger = {"obj_scaling_factor": min(_CLEAR / weight, _LARGEST)}

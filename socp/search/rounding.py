@@ -1,8 +1,10 @@
-"""Combinatorial integral approximation: the controls of a direct solution rounded to modes, with few switches.
+"""Combinatorial integral approximation: the controls of a direct solution rounded to modes, with
+few switches.
 
-The integral of a control over time is what moves the states, so the rounded control has to be near in the integral, not
-at every time: min over binary w of max over t of |integral of (relaxed - rounded)| (Sager, Jung, Kirches, Mathematical
-Methods of Operations Research 73, 2011, doi:10.1007/s00186-011-0355-4).
+The integral of a control over time is what moves the states, so the rounded control has to be near
+in the integral, not at every time: min over binary w of max over t of |integral of (relaxed -
+rounded)| (Sager, Jung, Kirches, Mathematical Methods of Operations Research 73, 2011,
+doi:10.1007/s00186-011-0355-4).
 """
 
 import warnings
@@ -22,11 +24,15 @@ from socp.verdict import constraint_values
 _CLEAR = 1e-2  # of the box: a cell whose control is as near to a mode needs no finer cells
 _FINER = 8  # cells in place of one that no mode fits, at most: a short arc hides there
 _CELLS = 20  # such cells in all, about
-_NEAR = 2e-2  # of the range of a constraint or of a box: a coarse solution comes no nearer to a boundary arc
-_POINTWISE = 0.05  # weight of the misfit itself beside its integral: settles what the integral leaves open
+# Of the range of a constraint or of a box: a coarse solution comes no nearer to a boundary arc
+_NEAR = 2e-2
+_POINTWISE = (
+    0.05  # weight of the misfit itself beside its integral: settles what the integral leaves open
+)
 _GAP = 5e-3  # of the horizon times a box: the seed of a search need not be the best rounding
 _NODES = 20  # of the solver's tree, likewise
-_PRICE = 1e-3  # of a switch, in the same units: a rounding as near with fewer switches is the better seed
+# Of a switch, in the same units: a rounding as near with fewer switches is the better seed
+_PRICE = 1e-3
 
 
 @final
@@ -34,7 +40,8 @@ _PRICE = 1e-3  # of a switch, in the same units: a rounding as near with fewer s
 class Cells:
     """Relaxed controls on k cells of time, and what each of m modes would make of them there.
 
-    edges (k + 1,); relaxed (nu, k) and offered (m, nu, k) controls as shares of their boxes; allowed (m, k).
+    edges (k + 1,); relaxed (nu, k) and offered (m, nu, k) controls as shares of their boxes;
+    allowed (m, k).
     """
 
     edges: np.ndarray
@@ -50,7 +57,9 @@ class Cells:
 
     @property
     def misfit(self) -> np.ndarray:
-        """How far the controls of every mode are from the relaxed ones (m, k), infinite where it is not allowed."""
+        """How far the controls of every mode are from the relaxed ones (m, k), infinite where it is
+        not allowed.
+        """
         off: np.ndarray = np.abs(self.offered - self.relaxed).max(axis=1)
         return np.where(self.allowed, off, np.inf)
 
@@ -58,30 +67,39 @@ class Cells:
 @final
 @dataclass(frozen=True, eq=False)
 class Rounded:
-    """The mode chosen on every cell (k,), as an index, and the deviation: what the rounding minimises."""
+    """The mode chosen on every cell (k,), as an index, and the deviation: what the rounding
+    minimises.
+    """
 
     chosen: np.ndarray
     deviation: float
 
 
 def rounding(given: Cells, switches: int, dwell: float = 0.0, price: float = _PRICE) -> Rounded:
-    """Round relaxed controls to one mode a cell with at most so many switches, by a mixed-integer linear programme.
+    """Round relaxed controls to one mode a cell with at most so many switches, by a mixed-integer
+    linear programme.
 
-    `deviation` is the largest integral of the difference up to any time, over all controls, as shares of their boxes
-    times the horizon. Arcs between two switches last `dwell` of the horizon at least.
-    Raises SolveError where no choice satisfies that.
+    `deviation` is the largest integral of the difference up to any time, over all controls, as
+    shares of their boxes times the horizon. Arcs between two switches last `dwell` of the horizon
+    at least. Raises SolveError where no choice satisfies that.
     """
     import cvxpy
 
     count, k = given.allowed.shape
     w = cvxpy.Variable((count, k), boolean=True)
     changes, worst = cvxpy.Variable(k - 1, nonneg=True), cvxpy.Variable(nonneg=True)
-    made = [cvxpy.sum(cvxpy.multiply(given.offered[:, i], w), axis=0) for i in range(given.relaxed.shape[0])]
+    made = [
+        cvxpy.sum(cvxpy.multiply(given.offered[:, i], w), axis=0)
+        for i in range(given.relaxed.shape[0])
+    ]
     difference = [row - each for row, each in zip(given.relaxed, made, strict=True)]
     constraints: list[Any] = [
         cvxpy.sum(w, axis=0) == 1,
         w <= given.allowed.astype(float),
-        *(cvxpy.abs(cvxpy.cumsum(cvxpy.multiply(given.lengths, each))) <= worst for each in difference),
+        *(
+            cvxpy.abs(cvxpy.cumsum(cvxpy.multiply(given.lengths, each))) <= worst
+            for each in difference
+        ),
         *(w[m, 1:] - w[m, :-1] <= changes for m in range(count)),
         cvxpy.sum(changes) <= switches,
         *_dwelling(w, given.edges, dwell),
@@ -96,15 +114,21 @@ def rounding(given: Cells, switches: int, dwell: float = 0.0, price: float = _PR
     except cvxpy.error.SolverError as error:
         raise SolveError(f"rounding: HiGHS failed: {error}") from error
     if w.value is None:
-        raise SolveError(f"rounding: no choice of modes has at most {switches} switches ({programme.status})")
+        raise SolveError(
+            f"rounding: no choice of modes has at most {switches} switches ({programme.status})"
+        )
     chosen = np.argmax(w.value, axis=0)
     return Rounded(chosen, deviation(given, chosen))
 
 
 def deviation(given: Cells, chosen: np.ndarray) -> float:
-    """Return the largest |integral of (relaxed - rounded)| of any control for modes chosen on the cells (k,)."""
+    """Return the largest |integral of (relaxed - rounded)| of any control for modes chosen on the
+    cells (k,).
+    """
     rounded = given.offered[chosen, :, np.arange(chosen.size)].T
-    return float(np.abs(np.cumsum(given.lengths * (given.relaxed - rounded), axis=1)).max(initial=0.0))
+    return float(
+        np.abs(np.cumsum(given.lengths * (given.relaxed - rounded), axis=1)).max(initial=0.0)
+    )
 
 
 def _dwelling(w: Any, edges: np.ndarray, dwell: float) -> list[Any]:
@@ -124,7 +148,9 @@ def _dwelling(w: Any, edges: np.ndarray, dwell: float) -> list[Any]:
 def rounded(
     problem: Problem, solution: Solution, modes: Sequence[Modes], switches: int, dwell: float = 0.0
 ) -> Candidate:
-    """Return the word of at most so many switches whose controls are nearest to a direct solution's in the integral."""
+    """Return the word of at most so many switches whose controls are nearest to a direct solution's
+    in the integral.
+    """
     laid = cells(problem, solution, modes)
     found = rounding(laid, switches, dwell)
     arcs = tuple(modes[m] for m in found.chosen)
@@ -132,13 +158,17 @@ def rounded(
 
 
 def cells(problem: Problem, solution: Solution, modes: Sequence[Modes]) -> Cells:
-    """Cut a direct solution into cells: long ones where one mode fits clearly, short ones where none does."""
+    """Cut a direct solution into cells: long ones where one mode fits clearly, short ones where
+    none does.
+    """
     edges = _edges(solution)
     laid = _laid(problem, solution, modes, edges)
     best, clear = laid.misfit.argmin(axis=0), laid.misfit.min(axis=0) <= _CLEAR
     finer = int(np.clip(_CELLS // max(int((~clear).sum()), 1), 1, _FINER))
     parts = np.where(clear, 1, finer)
-    inner = [np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(edges[:-1], edges[1:], parts, strict=True)]
+    inner = [
+        np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(edges[:-1], edges[1:], parts, strict=True)
+    ]
     again = _laid(problem, solution, modes, np.append(np.concatenate(inner), edges[-1]))
     fine = Cells(again.edges, np.repeat(laid.relaxed, parts, axis=1), again.offered, again.allowed)
     return _joined(fine, np.where(np.repeat(clear, parts), np.repeat(best, parts), -1))
@@ -154,7 +184,12 @@ def _joined(fine: Cells, clear: np.ndarray) -> Cells:
         return averaged
 
     allowed = np.logical_and.reduceat(fine.allowed, first, axis=1)
-    return Cells(np.append(fine.edges[first], fine.edges[-1]), mean(fine.relaxed), mean(fine.offered), allowed)
+    return Cells(
+        np.append(fine.edges[first], fine.edges[-1]),
+        mean(fine.relaxed),
+        mean(fine.offered),
+        allowed,
+    )
 
 
 def _edges(solution: Solution) -> np.ndarray:
@@ -176,7 +211,10 @@ def _laid(problem: Problem, solution: Solution, modes: Sequence[Modes], edges: n
     given = solution.at(t), solution.at(t, "costate"), t, p
     raw = np.array([(values(problem, each, *given) - low) / (high - low) for each in modes])
     inside = np.isfinite(raw) & (raw > -_NEAR) & (raw < 1.0 + _NEAR)
-    near = {c.name: _near(constraint_values(problem, solution, c, t, solution.at(t))) for c in problem.constraints}
+    near = {
+        c.name: _near(constraint_values(problem, solution, c, t, solution.at(t)))
+        for c in problem.constraints
+    }
     allowed = inside.all(axis=1)
     for k, each in enumerate(modes):
         for mode in each:

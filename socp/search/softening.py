@@ -1,4 +1,6 @@
-"""Softened ends: a problem whose end conditions may be missed at a price, so that every word has a solution."""
+"""Softened ends: a problem whose end conditions may be missed at a price, so that every word has a
+solution.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -14,10 +16,12 @@ _NAME = "slack"  # begins the names of the slacks
 
 
 def softened(problem: Problem, near: Solution, dearer: float = 1.0) -> Problem:
-    """Return a problem with every end condition psi <= 0 or psi = 0 relaxed to |psi| <= size * e at a price of W e.
+    """Return a problem with every end condition psi <= 0 or psi = 0 relaxed to |psi| <= size * e at
+    a price of W e.
 
-    e >= 0 are further parameters; sizes are those of the states (nx,) along a solution nearby, whose costates give the
-    price W: threefold the largest worth of a state, times `dearer`. Fixed and bounded times stay as they are.
+    e >= 0 are further parameters; sizes are those of the states (nx,) along a solution nearby,
+    whose costates give the price W: threefold the largest worth of a state, times `dearer`. Fixed
+    and bounded times stay as they are.
     """
     price, relaxed = dearer * _HIGHER * worth(problem, near), dict[str, Expr]()
     conditions = list(_conditions(problem, near))
@@ -31,16 +35,20 @@ def softened(problem: Problem, near: Solution, dearer: float = 1.0) -> Problem:
 
 
 def worth(problem: Problem, near: Solution) -> float:
-    """Return the largest worth of a state along a solution: |costate| times the state's magnitude, 1 where unknown.
+    """Return the largest worth of a state along a solution: |costate| times the state's magnitude,
+    1 where unknown.
 
-    What is larger for a tenth of the nodes is left out: costates of a direct solution ring where its controls do.
+    What is larger for a tenth of the nodes is left out: costates of a direct solution ring where
+    its controls do.
     """
     costate = np.nan_to_num(np.abs(near.rows("costate"))) * scales(problem, near)[:, None]
     return float(np.quantile(costate, 0.9, axis=1).max(initial=0.0)) or 1.0
 
 
 def missed(solution: Solution) -> float:
-    """Return by how much a solution of a softened problem misses its ends, relative to the sizes of the states."""
+    """Return by how much a solution of a softened problem misses its ends, relative to the sizes of
+    the states.
+    """
     return sum(value for name, value in solution.parameters.items() if name.startswith(_NAME))
 
 
@@ -60,9 +68,13 @@ def _conditions(problem: Problem, near: Solution) -> Iterator[tuple[str, str, Ex
             yield name, "below", low[i] - problem.x[i], scale[i]
     symbols = casadi.vertcat(problem.x, problem.x0, problem.p, initial_time, final_time)
     p = [near.parameters[name] for name in problem.parameter_names]
-    values = np.concatenate([near.arcs[-1].x[:, -1], near.arcs[0].x[:, 0], p, [near.initial_time, near.final_time]])
+    values = np.concatenate(
+        [near.arcs[-1].x[:, -1], near.arcs[0].x[:, 0], p, [near.initial_time, near.final_time]]
+    )
     for each in problem.conditions:
-        slope = casadi.Function("slope", [symbols], [casadi.jacobian(each.expression, problem.x)])(values).full()[0]
+        slope = casadi.Function("slope", [symbols], [casadi.jacobian(each.expression, problem.x)])(
+            values
+        ).full()[0]
         size = float(np.abs(slope) @ scale) or 1.0
         yield each.name, "above", each.expression, size
         if each.equation:

@@ -1,7 +1,9 @@
-"""Bonmin through casadi: branch and bound over local solves, in a process of its own since it keeps no time limit.
+"""Bonmin through casadi: branch and bound over local solves, in a process of its own since it keeps
+no time limit.
 
-Bonmin takes the local minima of its relaxations for bounds, so on a problem that is not convex it proves nothing: its
-outcome has no bound. Every integral, feasible iterate that it passes through is kept as an incumbent.
+Bonmin takes the local minima of its relaxations for bounds, so on a problem that is not convex it
+proves nothing: its outcome has no bound. Every integral, feasible iterate that it passes through is
+kept as an incumbent.
 """
 
 import math
@@ -25,14 +27,18 @@ _DEFAULTS: dict[str, Any] = {
     "bound_relax_factor": 1e-6,  # a law that keeps a constraint leaves the constraint no inside
     "tol": 1e-7,
     "max_iter": 200,
-    "heuristic_feasibility_pump": "no",  # it takes longer than the tree, and what it finds is far off
+    # It takes longer than the tree, and what it finds is far off
+    "heuristic_feasibility_pump": "no",
     "pump_for_minlp": "no",
     "bb_log_level": 0,
     "nlp_log_level": 0,
 }
 _STATUS = {
-    "SUCCESS": "optimal", "INFEASIBLE": "infeasible", "LIMIT_EXCEEDED": "limit", "CONTINUOUS_UNBOUNDED": "unbounded",
-}  # fmt: skip
+    "SUCCESS": "optimal",
+    "INFEASIBLE": "infeasible",
+    "LIMIT_EXCEEDED": "limit",
+    "CONTINUOUS_UNBOUNDED": "unbounded",
+}
 _WORTH = 1e-9  # relative: a point is told of when it is better by more
 
 
@@ -45,16 +51,22 @@ class Bonmin:
 
     def __call__(
         self, nlp: NLP, starts: Sequence[NLPPoint], seconds: float, watch: Watch = silent
-    ) -> Outcome:  # fmt: skip
-        """Solve from one start after the other, in all for so many seconds; the best verified point comes back.
+    ) -> Outcome:
+        """Solve from one start after the other, in all for so many seconds; the best verified point
+        comes back.
 
-        A start whose binaries are 0 or 1 in part is solved with those held first, which leaves few to branch on. Last
-        comes a solve with all of them free, from the best point so far, for what is better than that.
+        A start whose binaries are 0 or 1 in part is solved with those held first, which leaves few
+        to branch on. Last comes a solve with all of them free, from the best point so far, for what
+        is better than that.
         """
         until = time.time() + seconds
         with tempfile.TemporaryDirectory(prefix="socp-") as place:
-            job = programme_job(nlp, starts, Path(place)) | {"options": {**_DEFAULTS, **self.options}}
-            return solved_apart(nlp, starts[0], Job(__name__, Path(place), job, until, "bonmin"), watch)
+            job = programme_job(nlp, starts, Path(place)) | {
+                "options": {**_DEFAULTS, **self.options}
+            }
+            return solved_apart(
+                nlp, starts[0], Job(__name__, Path(place), job, until, "bonmin"), watch
+            )
 
 
 def work(job: Mapping[str, Any], tell: Tell) -> None:
@@ -79,7 +91,9 @@ def work(job: Mapping[str, Any], tell: Tell) -> None:
         status = str(solver.stats()["return_status"])
         if status in {"SUCCESS", "LIMIT_EXCEEDED"}:
             spy.show(np.array(result["x"].full()).ravel())
-    found = "optimal" if spy.v is not None and status == "INFEASIBLE" else _STATUS.get(status, status)
+    found = (
+        "optimal" if spy.v is not None and status == "INFEASIBLE" else _STATUS.get(status, status)
+    )
     tell({"status": "limit" if time.time() >= job["until"] else found})
 
 
@@ -92,21 +106,30 @@ def _held(start: np.ndarray, binary: np.ndarray) -> np.ndarray:
 def _boxes(job: Mapping[str, Any], start: np.ndarray, held: np.ndarray) -> dict[str, np.ndarray]:
     low, high = np.array(job["v_box"], dtype=float)
     return {
-        "lbx": np.where(held, start, low), "ubx": np.where(held, start, high), "lbg": job["g_box"][0],
+        "lbx": np.where(held, start, low),
+        "ubx": np.where(held, start, high),
+        "lbg": job["g_box"][0],
         "ubg": job["g_box"][1],
-    }  # fmt: skip
+    }
 
 
 def _solvers(
     function: casadi.Function, spy: "_Spy", job: Mapping[str, Any]
-) -> Callable[[Mapping[str, float]], casadi.Function]:  # fmt: skip
+) -> Callable[[Mapping[str, float]], casadi.Function]:
     """Return what makes a solver with further options.
 
-    The spy sits in the Jacobian, which is taken at every iterate: this build of Bonmin calls nothing else back.
+    The spy sits in the Jacobian, which is taken at every iterate: this build of Bonmin calls
+    nothing else back.
     """
-    v, p, x = casadi.MX.sym("v", function.size1_in(0)), casadi.MX.sym("p", 0), casadi.SX.sym("x", function.size1_in(0))
+    v, p, x = (
+        casadi.MX.sym("v", function.size1_in(0)),
+        casadi.MX.sym("p", 0),
+        casadi.SX.sym("x", function.size1_in(0)),
+    )
     slopes = casadi.Function("slopes", [x], [function(x)[1], casadi.jacobian(function(x)[1], x)])
-    jacobian = casadi.Function("nlp_jac_g", [v, p], slopes.call([spy(v)]), ["x", "p"], ["g", "jac_g_x"])
+    jacobian = casadi.Function(
+        "nlp_jac_g", [v, p], slopes.call([spy(v)]), ["x", "p"], ["g", "jac_g_x"]
+    )
     programme = dict(zip("xfg", (v, *function(v)), strict=True))
     given = {f"bonmin.{name}": value for name, value in job["options"].items()}
     given |= {"print_time": False, "discrete": job["binary"], "jac_g": jacobian}
@@ -119,7 +142,9 @@ def _solvers(
 
 
 class _Spy(casadi.Callback):  # type: ignore[misc]
-    """Passes points through, and tells of those that are integral, feasible and better than any before."""
+    """Passes points through, and tells of those that are integral, feasible and better than any
+    before.
+    """
 
     def __init__(self, function: casadi.Function, job: Mapping[str, Any], tell: Tell) -> None:
         super().__init__()

@@ -9,14 +9,23 @@ import casadi
 import numpy as np
 
 _OPTIONS: dict[str, Any] = {
-    "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.option_file_name": "", "print_time": False,
-    "show_eval_warnings": False, "ipopt.tol": 1e-7, "ipopt.max_iter": 300, "ipopt.bound_relax_factor": 1e-6,
-}  # fmt: skip
-NAME = "ipopt"  # MindtPy takes no other; it is known by this name in the process that registers it alone
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.option_file_name": "",
+    "print_time": False,
+    "show_eval_warnings": False,
+    "ipopt.tol": 1e-7,
+    "ipopt.max_iter": 300,
+    "ipopt.bound_relax_factor": 1e-6,
+}
+# MindtPy takes no other; it is known by this name in the process that registers it alone
+NAME = "ipopt"
 
 
 def register(solved: Callable[[Any], None]) -> None:
-    """Make Pyomo take this for `ipopt`; `solved` is called with every model that has been solved."""
+    """Make Pyomo take this for `ipopt`; `solved` is called with every model that has been
+    solved.
+    """
     import pyomo.environ as pyo
     from pyomo.opt import SolverResults, SolverStatus, TerminationCondition
 
@@ -42,12 +51,18 @@ def register(solved: Callable[[Any], None]) -> None:
             return tuple(int(part) for part in casadi.__version__.split(".")[:3])
 
         def solve(self, model: Any, **_given: Any) -> Any:
-            """Solve a continuous model from the values of its variables, and leave the solution in them."""
+            """Solve a continuous model from the values of its variables, and leave the solution in
+            them.
+            """
             ok, status = solve_nl(model)
             results = SolverResults()
             conditions = TerminationCondition
             results.solver.termination_condition = (
-                conditions.optimal if ok else conditions.maxIterations if "Iter" in status else conditions.infeasible
+                conditions.optimal
+                if ok
+                else conditions.maxIterations
+                if "Iter" in status
+                else conditions.infeasible
             )
             results.solver.status = SolverStatus.ok if ok else SolverStatus.warning
             results.solver.message = status
@@ -61,7 +76,9 @@ def register(solved: Callable[[Any], None]) -> None:
 
 
 def solve_nl(model: Any) -> tuple[bool, str]:
-    """Solve a Pyomo model with Ipopt through an .nl file; returns whether it met its tolerances, and its status."""
+    """Solve a Pyomo model with Ipopt through an .nl file; returns whether it met its tolerances,
+    and its status.
+    """
     from pyomo.repn.plugins.nl_writer import NLWriter
 
     with tempfile.TemporaryDirectory(prefix="socp-") as place:
@@ -73,13 +90,17 @@ def solve_nl(model: Any) -> tuple[bool, str]:
     v, f, g = casadi.vertcat(*builder.x), builder.f, casadi.vertcat(*builder.g)
     solver = casadi.nlpsol("nl", "ipopt", {"x": v, "f": f, "g": g}, _OPTIONS)
     start = np.array([0.0 if x.value is None else x.value for x in info.variables])
-    result = solver(x0=start, lbx=builder.x_lb, ubx=builder.x_ub, lbg=builder.g_lb, ubg=builder.g_ub)
+    result = solver(
+        x0=start, lbx=builder.x_lb, ubx=builder.x_ub, lbg=builder.g_lb, ubg=builder.g_ub
+    )
     status = str(solver.stats()["return_status"])
     if solver.stats()["success"]:
         for variable, value in zip(info.variables, result["x"].full().ravel(), strict=True):
             variable.set_value(float(value), skip_validation=True)
         duals = model.component("dual")
         if duals is not None:  # AMPL's sign: the change of the objective with the right-hand side
-            for row, multiplier in zip(info.constraints, result["lam_g"].full().ravel(), strict=True):
+            for row, multiplier in zip(
+                info.constraints, result["lam_g"].full().ravel(), strict=True
+            ):
                 duals[row] = -float(multiplier)
     return bool(solver.stats()["success"]), status

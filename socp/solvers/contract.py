@@ -1,4 +1,6 @@
-"""Nonlinear programmes as frozen records, the points that solvers return, and the protocol of a backend."""
+"""Nonlinear programmes as frozen records, the points that solvers return, and the protocol of a
+backend.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -18,7 +20,8 @@ T = TypeVar("T")
 class NLP:
     """Minimise f(v) subject to v_box[0] <= v <= v_box[1] and g_box[0] <= g(v) <= g_box[1].
 
-    v (n, 1), f (1, 1) and g (m, 1) are casadi SX; v_box (2, n); g_box (2, m); binary (n,) flags what must be 0 or 1.
+    v (n, 1), f (1, 1) and g (m, 1) are casadi SX; v_box (2, n); g_box (2, m); binary (n,) flags
+    what must be 0 or 1.
     """
 
     v: Expr

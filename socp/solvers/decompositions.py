@@ -1,7 +1,9 @@
-"""GDPopt and MindtPy, Pyomo's own decompositions, with HiGHS for the linear part and Ipopt for the rest.
+"""GDPopt and MindtPy, Pyomo's own decompositions, with HiGHS for the linear part and Ipopt for the
+rest.
 
-They run on the disjunctive programme in a process of their own. Every feasible point of a subproblem is told. Their
-linearisations hold for convex problems only, so nothing that they call a bound is one.
+They run on the disjunctive programme in a process of their own. Every feasible point of a
+subproblem is told. Their linearisations hold for convex problems only, so nothing that they call a
+bound is one.
 """
 
 import logging
@@ -20,10 +22,20 @@ from socp.solvers.worker import Tell
 
 _OPTIONS: Mapping[str, Mapping[str, Any]] = {
     "gdpopt": {"algorithm": "LOA"},
-    "mindtpy": {"strategy": "OA", "init_strategy": "rNLP", "add_slack": True, "heuristic_nonconvex": True},
+    "mindtpy": {
+        "strategy": "OA",
+        "init_strategy": "rNLP",
+        "add_slack": True,
+        "heuristic_nonconvex": True,
+    },
 }
 _ROUND = 3.0  # seconds: they look at the clock once a round only
-_STATUS = {"optimal": "optimal", "feasible": "limit", "infeasible": "infeasible", "maxTimeLimit": "limit"}
+_STATUS = {
+    "optimal": "optimal",
+    "feasible": "limit",
+    "infeasible": "infeasible",
+    "maxTimeLimit": "limit",
+}
 
 
 @final
@@ -31,8 +43,8 @@ _STATUS = {"optimal": "optimal", "feasible": "limit", "infeasible": "infeasible"
 class Decomposition:
     """One of Pyomo's decompositions, `gdpopt` or `mindtpy`, with options by its own names.
 
-    `script` builds the disjunctive programme, `binaries` are what each of its combinations stands for in the reduction,
-    and `seeds` the words, a combination an arc, that GDPopt solves first.
+    `script` builds the disjunctive programme, `binaries` are what each of its combinations stands
+    for in the reduction, and `seeds` the words, a combination an arc, that GDPopt solves first.
     """
 
     name: str
@@ -43,16 +55,20 @@ class Decomposition:
 
     def __call__(
         self, nlp: NLP, starts: Sequence[NLPPoint], seconds: float, watch: Watch = silent
-    ) -> Outcome:  # fmt: skip
-        """Solve for so many seconds at most; `nlp` is the collocated reduction, against which points are checked."""
+    ) -> Outcome:
+        """Solve for so many seconds at most; `nlp` is the collocated reduction, against which
+        points are checked.
+        """
         until = time.time() + seconds
         with tempfile.TemporaryDirectory(prefix="socp-") as place:
             folder = Path(place)
             (folder / "model.py").write_text(self.script, encoding="utf-8")
             job = {
-                "solver": self.name, "binaries": self.binaries, "seeds": self.seeds,
+                "solver": self.name,
+                "binaries": self.binaries,
+                "seeds": self.seeds,
                 "options": {**_OPTIONS[self.name], **self.options},
-            }  # fmt: skip
+            }
             return solved_apart(nlp, starts[0], Job(__name__, folder, job, until, self.name), watch)
 
 
@@ -61,13 +77,16 @@ def work(job: Mapping[str, Any], tell: Tell) -> None:
     import pyomo.environ as pyo
 
     names: dict[str, Any] = {"__name__": "model"}
-    exec(compile((Path(job["folder"]) / "model.py").read_text(encoding="utf-8"), "model.py", "exec"), names)  # noqa: S102
+    script = (Path(job["folder"]) / "model.py").read_text(encoding="utf-8")
+    exec(compile(script, "model.py", "exec"), names)  # noqa: S102 - the script is our own
     model = names["model"]
 
     def told(solved: Any) -> None:
         chosen = [_chosen(solved, names, k) for k in range(names["ARCS"])]
         values = [solved.find_component(v.name) for v in names["variables"](model)]
-        if all(c is not None for c in chosen) and all(v is not None and v.value is not None for v in values):
+        if all(c is not None for c in chosen) and all(
+            v is not None and v.value is not None for v in values
+        ):
             binaries = [z for c in chosen for z in job["binaries"][c]]
             tell({"v": [v.value for v in values] + binaries, "status": "limit"})
 
@@ -87,7 +106,9 @@ def work(job: Mapping[str, Any], tell: Tell) -> None:
 
 
 def _chosen(model: Any, names: Mapping[str, Any], k: int) -> int | None:
-    """Return the combination that an arc of a solved model is in, None where that cannot be told."""
+    """Return the combination that an arc of a solved model is in, None where that cannot be
+    told.
+    """
     for c in range(len(names["MODES"])):
         disjunct = model.find_component(f"mode[{k},{c}]")
         value = None if disjunct is None else disjunct.binary_indicator_var.value

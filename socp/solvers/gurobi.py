@@ -1,4 +1,6 @@
-"""Gurobi through Pyomo, where its user has installed and licensed it: global branch and bound with a proved bound."""
+"""Gurobi through Pyomo, where its user has installed and licensed it: global branch and bound with
+a proved bound.
+"""
 
 import importlib.util
 import tempfile
@@ -21,7 +23,12 @@ from socp.solvers.worker import Tell
 def lacks() -> str:
     """Return what Gurobi lacks here, empty where it can run."""
     found = importlib.util.find_spec("gurobipy")
-    return "" if found else "the Python package 'gurobipy' (12 or later) is not installed; it needs its own licence"
+    return (
+        ""
+        if found
+        else "the Python package 'gurobipy' (12 or later) is not installed; it needs its own "
+        "licence"
+    )
 
 
 @final
@@ -33,12 +40,14 @@ class Gurobi:
 
     def __call__(
         self, nlp: NLP, starts: Sequence[NLPPoint], seconds: float, watch: Watch = silent
-    ) -> Outcome:  # fmt: skip
+    ) -> Outcome:
         """Solve for so many seconds at most, from the first start."""
         until = time.time() + seconds
         with tempfile.TemporaryDirectory(prefix="socp-") as place:
             job = programme_job(nlp, starts[:1], Path(place)) | {"options": dict(self.options)}
-            return solved_apart(nlp, starts[0], Job(__name__, Path(place), job, until, "gurobi"), watch)
+            return solved_apart(
+                nlp, starts[0], Job(__name__, Path(place), job, until, "gurobi"), watch
+            )
 
 
 def work(job: Mapping[str, Any], tell: Tell) -> None:
@@ -53,12 +62,17 @@ def work(job: Mapping[str, Any], tell: Tell) -> None:
     model = pyomo_programme(nlp, np.array(job["starts"][0]), elementary=True)
     solver = pyo.SolverFactory("gurobi_direct_minlp")
     limit = {"TimeLimit": max(job["until"] - time.time(), 0.1), **job["options"]}
-    results = solver.solve(model, options=limit, load_solutions=False, raise_exception_on_nonoptimal_result=False)
+    results = solver.solve(
+        model, options=limit, load_solutions=False, raise_exception_on_nonoptimal_result=False
+    )
     condition = str(results.solver.termination_condition)
     found = len(results.solution) > 0
     if found:
         model.solutions.load_from(results)
-    tell({
-        "v": [model.v[i].value for i in range(v.numel())] if found else None,
-        "bound": float(results.problem.lower_bound), "status": {"maxTimeLimit": "limit"}.get(condition, condition),
-    })  # fmt: skip
+    tell(
+        {
+            "v": [model.v[i].value for i in range(v.numel())] if found else None,
+            "bound": float(results.problem.lower_bound),
+            "status": {"maxTimeLimit": "limit"}.get(condition, condition),
+        }
+    )

@@ -1,4 +1,6 @@
-"""Ipopt through casadi: sparse, exact Hessian, a trace of every iteration, a clean stop on Ctrl-C."""
+"""Ipopt through casadi: sparse, exact Hessian, a trace of every iteration, a clean stop on
+Ctrl-C.
+"""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -16,12 +18,16 @@ from socp.solvers.contract import NLP, NLPPoint
 
 _DEFAULTS: dict[str, Any] = {
     "tol": 1e-9,
-    "bound_relax_factor": 0.0,  # Ipopt's 1e-8 moves every bound, and with it the ninth digit of the objective
-    "first_hessian_perturbation": 1e-8,  # singular arcs make the Hessian flat, not indefinite: little is enough
+    # Ipopt's 1e-8 moves every bound, and with it the ninth digit of the objective
+    "bound_relax_factor": 0.0,
+    # Singular arcs make the Hessian flat, not indefinite: little is enough
+    "first_hessian_perturbation": 1e-8,
     "acceptable_iter": 100,  # the flatness slows the last digits; its 15 would give up some of them
-    "max_iter": 3000, "print_level": 0, "sb": "yes",
+    "max_iter": 3000,
+    "print_level": 0,
+    "sb": "yes",
     "option_file_name": "",  # otherwise it reads ipopt.opt where the user is, without a word
-}  # fmt: skip
+}
 _STOPS = {
     "Solve_Succeeded": Stop.SOLVED,
     "Solved_To_Acceptable_Level": Stop.ACCEPTABLE,
@@ -33,17 +39,24 @@ _STOPS = {
     "User_Requested_Stop": Stop.INTERRUPTED,
 }
 _TRACED = {
-    "obj": "objective", "inf_pr": "inf_pr", "inf_du": "inf_du", "mu": "mu", "d_norm": "step",
-    "alpha_pr": "alpha_pr", "alpha_du": "alpha_du",
-}  # fmt: skip
+    "obj": "objective",
+    "inf_pr": "inf_pr",
+    "inf_du": "inf_du",
+    "mu": "mu",
+    "d_norm": "step",
+    "alpha_pr": "alpha_pr",
+    "alpha_du": "alpha_du",
+}
 
 
 @final
 @dataclass(frozen=True)
 class Ipopt:
-    """Options of Ipopt by their own names, over defaults that keep the digits (tol 1e-9, bound_relax_factor 0).
+    """Options of Ipopt by their own names, over defaults that keep the digits (tol 1e-9,
+    bound_relax_factor 0).
 
-    Raises MethodError for an option that Ipopt does not have, with the closest match, or a value that it does not take.
+    Raises MethodError for an option that Ipopt does not have, with the closest match, or a value
+    that it does not take.
     """
 
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -61,11 +74,19 @@ class Ipopt:
         if equations > unknowns:
             return overdetermined.met(nlp, guess, int({**_DEFAULTS, **self.options}["max_iter"]))
         observer = _Observer(nlp, watch)
-        given = {"x0": guess.v, "lbx": nlp.v_box[0], "ubx": nlp.v_box[1], "lbg": nlp.g_box[0], "ubg": nlp.g_box[1]}
+        given = {
+            "x0": guess.v,
+            "lbx": nlp.v_box[0],
+            "ubx": nlp.v_box[1],
+            "lbg": nlp.g_box[0],
+            "ubg": nlp.g_box[1],
+        }
         if guess.lam_v is not None and guess.lam_g is not None:
             given |= {"lam_x0": guess.lam_v, "lam_g0": guess.lam_g}
         try:
-            with requesting(observer.ask):  # from the start: in a callback Ctrl-C would pass for a failure of casadi
+            with requesting(
+                observer.ask
+            ):  # from the start: in a callback Ctrl-C would pass for a failure of casadi
                 solver = _solver(nlp, observer, {**_DEFAULTS, **self.options})
                 built = time.perf_counter()
                 result = solver(**given)
@@ -75,7 +96,9 @@ class Ipopt:
             raise observer.error
         seconds = {"build": built - began, "solve": time.perf_counter() - built}
         point = _point(result, solver.stats(), seconds)
-        point = replace(point, stop=Stop.INTERRUPTED) if observer.stop else point  # Ipopt asks no more at its end
+        point = (
+            replace(point, stop=Stop.INTERRUPTED) if observer.stop else point
+        )  # Ipopt asks no more at its end
         return _explained(point, nlp, guess, self.options) if point.stop is Stop.FAILED else point
 
 
@@ -88,26 +111,46 @@ def _solver(nlp: NLP, observer: "_Observer", options: Mapping[str, Any]) -> casa
         raise SolveError(f"Ipopt could not be set up: {_last_line(error)}") from error
 
 
-def _point(result: Mapping[str, Any], stats: Mapping[str, Any], seconds: Mapping[str, float]) -> NLPPoint:
+def _point(
+    result: Mapping[str, Any], stats: Mapping[str, Any], seconds: Mapping[str, float]
+) -> NLPPoint:
     iterations, status = stats.get("iterations", {}), stats["return_status"]
-    trace = {name: tuple(map(float, iterations[key])) for key, name in _TRACED.items() if key in iterations}
+    trace = {
+        name: tuple(map(float, iterations[key]))
+        for key, name in _TRACED.items()
+        if key in iterations
+    }
     flat = {key: np.array(result[key].full()).ravel() for key in ("x", "lam_x", "lam_g")}
     return NLPPoint(
-        v=flat["x"], objective=float(result["f"]), lam_v=flat["lam_x"], lam_g=flat["lam_g"],
-        stop=_STOPS.get(status, Stop.FAILED), message=f"Ipopt: {status.replace('_', ' ')}",
-        iterations=max(len(trace.get("objective", ())) - 1, 0), trace=trace, seconds=seconds,
-    )  # fmt: skip
+        v=flat["x"],
+        objective=float(result["f"]),
+        lam_v=flat["lam_x"],
+        lam_g=flat["lam_g"],
+        stop=_STOPS.get(status, Stop.FAILED),
+        message=f"Ipopt: {status.replace('_', ' ')}",
+        iterations=max(len(trace.get("objective", ())) - 1, 0),
+        trace=trace,
+        seconds=seconds,
+    )
 
 
 class _Observer(casadi.Callback):  # type: ignore[misc]
-    """Passes every iteration to a watch; casadi swallows exceptions here, so the first one is kept for later.
+    """Passes every iteration to a watch; casadi swallows exceptions here, so the first one is kept
+    for later.
 
-    It reads casadi's own memory: matrices made of it, five an iteration, would cost more than a watch.
+    It reads casadi's own memory: matrices made of it, five an iteration, would cost more than a
+    watch.
     """
 
     def __init__(self, nlp: NLP, watch: Watch) -> None:
         super().__init__()
-        self.sizes = {"x": nlp.v.numel(), "f": 1, "g": nlp.g.numel(), "lam_x": nlp.v.numel(), "lam_g": nlp.g.numel()}
+        self.sizes = {
+            "x": nlp.v.numel(),
+            "f": 1,
+            "g": nlp.g.numel(),
+            "lam_x": nlp.v.numel(),
+            "lam_g": nlp.g.numel(),
+        }
         self.low, self.high = nlp.g_box
         self.watch, self.stop, self.count = watch, False, 0
         self.error: BaseException | None = None
@@ -157,18 +200,28 @@ def _explained(point: NLPPoint, nlp: NLP, guess: NLPPoint, options: Mapping[str,
         given = ", ".join(f"{name}={value}" for name, value in options.items())
         reason = f"this build of Ipopt cannot carry out one of {given}"
     objective = point.objective if point.trace else float("nan")
-    return replace(point, objective=objective, message=f"{point.message}; {reason}" if reason else point.message)
+    return replace(
+        point,
+        objective=objective,
+        message=f"{point.message}; {reason}" if reason else point.message,
+    )
 
 
 def _unusable(nlp: NLP, guess: NLPPoint) -> str:
-    """Say what cannot be computed at the guess: the usual reason for a failure at the first iteration."""
+    """Say what cannot be computed at the guess: the usual reason for a failure at the first
+    iteration.
+    """
     if not np.isfinite(guess.v).all():
         return "the guess itself is not finite"
     f, g = casadi.Function("start", [nlp.v], [nlp.f, nlp.g])(guess.v)
     bad = int((~np.isfinite(g.full())).sum())
     if not np.isfinite(float(f)):
         return f"the objective is {float(f)} at the guess; give a guess where it is finite"
-    return f"{bad} of {g.numel()} constraints are not finite at the guess; give a guess where they are" if bad else ""
+    return (
+        f"{bad} of {g.numel()} constraints are not finite at the guess; give a guess where they are"
+        if bad
+        else ""
+    )
 
 
 def _last_line(error: Exception) -> str:

@@ -1,4 +1,6 @@
-"""Knitro through casadi, where its user has installed and licensed it: branch and bound over local solves."""
+"""Knitro through casadi, where its user has installed and licensed it: branch and bound over local
+solves.
+"""
 
 import importlib.util
 import os
@@ -22,7 +24,10 @@ def lacks() -> str:
     """Return what Knitro lacks here, empty where it can run."""
     if importlib.util.find_spec("knitro") or os.environ.get("KNITRODIR"):
         return ""
-    return "Knitro is not installed (no KNITRODIR, no Python package 'knitro'); it needs its own licence"
+    return (
+        "Knitro is not installed (no KNITRODIR, no Python package 'knitro'); it needs its own "
+        "licence"
+    )
 
 
 @final
@@ -34,12 +39,16 @@ class Knitro:
 
     def __call__(
         self, nlp: NLP, starts: Sequence[NLPPoint], seconds: float, watch: Watch = silent
-    ) -> Outcome:  # fmt: skip
-        """Solve from one start after the other, in all for so many seconds; the best verified point comes back."""
+    ) -> Outcome:
+        """Solve from one start after the other, in all for so many seconds; the best verified point
+        comes back.
+        """
         until = time.time() + seconds
         with tempfile.TemporaryDirectory(prefix="socp-") as place:
             job = programme_job(nlp, starts, Path(place)) | {"options": dict(self.options)}
-            return solved_apart(nlp, starts[0], Job(__name__, Path(place), job, until, "knitro"), watch)
+            return solved_apart(
+                nlp, starts[0], Job(__name__, Path(place), job, until, "knitro"), watch
+            )
 
 
 def work(job: Mapping[str, Any], tell: Tell) -> None:
@@ -50,9 +59,14 @@ def work(job: Mapping[str, Any], tell: Tell) -> None:
     box = dict(zip(("lbx", "ubx", "lbg", "ubg"), (*job["v_box"], *job["g_box"]), strict=True))
     for k, start in enumerate(job["starts"]):
         left = max(job["until"] - time.time(), 0.1) / (len(job["starts"]) - k)
-        given = {f"knitro.{name}": value for name, value in {"maxtime_real": left, **job["options"]}.items()}
+        given = {
+            f"knitro.{name}": value
+            for name, value in {"maxtime_real": left, **job["options"]}.items()
+        }
         programme = {"x": v, "f": f, "g": g}
-        solver = casadi.nlpsol("knitro", "knitro", programme, {"discrete": job["binary"], "print_time": False, **given})
+        solver = casadi.nlpsol(
+            "knitro", "knitro", programme, {"discrete": job["binary"], "print_time": False, **given}
+        )
         result = solver(x0=start, **box)
         status = "optimal" if solver.stats()["success"] else str(solver.stats()["return_status"])
         tell({"v": np.array(result["x"].full()).ravel().tolist(), "status": status})

@@ -1,4 +1,6 @@
-"""Programmes with more equations than unknowns: solved by least squares, where the equations agree with each other."""
+"""Programmes with more equations than unknowns: solved by least squares, where the equations agree
+with each other.
+"""
 
 import time
 from dataclasses import replace
@@ -10,9 +12,15 @@ from scipy.optimize import least_squares
 from socp.model import Stop
 from socp.solvers.contract import NLP, NLPPoint
 
-_STEPS = 25  # Gauss-Newton steps: near a solution it takes a few, and equations that contradict each other take no more
-_WORTH = 1e-3  # share of the sum of squares that a step has to take away: towards agreement every step takes nearly all
-_MET = 1e-10  # of the variables' magnitudes, 1 at least: what equations that agree leave, rounding and some digits
+# Gauss-Newton steps: near a solution it takes a few, and equations that contradict each other take
+# no more
+_STEPS = 25
+# Share of the sum of squares that a step has to take away: towards agreement every step takes
+# nearly all
+_WORTH = 1e-3
+# Of the variables' magnitudes, 1 at least: what equations that agree leave, rounding and some
+# digits
+_MET = 1e-10
 
 
 def counted(nlp: NLP) -> tuple[int, int]:
@@ -21,10 +29,12 @@ def counted(nlp: NLP) -> tuple[int, int]:
 
 
 def met(nlp: NLP, guess: NLPPoint, most: int) -> NLPPoint:
-    """Return the point that meets more equations than there are unknowns, if they agree; nothing is left to minimise.
+    """Return the point that meets more equations than there are unknowns, if they agree; nothing is
+    left to minimise.
 
-    Such is a word where controls switch at one time by symmetry: every control asks for its own ends. The equations are
-    redundant there and determine the point alone. Without agreement it is the guess, infeasible.
+    Such is a word where controls switch at one time by symmetry: every control asks for its own
+    ends. The equations are redundant there and determine the point alone. Without agreement it is
+    the guess, infeasible.
     """
     began = time.perf_counter()
     low, high = nlp.v_box
@@ -32,7 +42,10 @@ def met(nlp: NLP, guess: NLPPoint, most: int) -> NLPPoint:
     given: np.ndarray = np.clip(guess.v, low, high)
     g = nlp.g[rows.tolist()] - casadi.DM(nlp.g_box[0, rows])
     slopes = casadi.Function("slopes", [nlp.v], [casadi.jacobian(g, nlp.v)[:, free.tolist()]])
-    values, every = casadi.Function("values", [nlp.v], [g]), casadi.Function("all", [nlp.v], [nlp.g, nlp.f])
+    values, every = (
+        casadi.Function("values", [nlp.v], [g]),
+        casadi.Function("all", [nlp.v], [nlp.g, nlp.f]),
+    )
 
     def whole(part: np.ndarray) -> np.ndarray:
         v: np.ndarray = given.copy()
@@ -43,11 +56,16 @@ def met(nlp: NLP, guess: NLPPoint, most: int) -> NLPPoint:
     said = f"{equations} equations for {unknowns} unknowns"
     try:
         found = least_squares(
-            lambda part: values(whole(part)).full().ravel(), given[free],
-            jac=lambda part: slopes(whole(part)).full(), method="lm",
-            x_scale=np.maximum(np.abs(given[free]), 1.0), ftol=_WORTH, xtol=1e-15, gtol=1e-15,
+            lambda part: values(whole(part)).full().ravel(),
+            given[free],
+            jac=lambda part: slopes(whole(part)).full(),
+            method="lm",
+            x_scale=np.maximum(np.abs(given[free]), 1.0),
+            ftol=_WORTH,
+            xtol=1e-15,
+            gtol=1e-15,
             max_nfev=min(most, _STEPS),
-        )  # fmt: skip
+        )
     except (ValueError, np.linalg.LinAlgError):  # values that are not finite
         return replace(guess, stop=Stop.INFEASIBLE, message=said)
     v = whole(found.x)
@@ -57,9 +75,13 @@ def met(nlp: NLP, guess: NLPPoint, most: int) -> NLPPoint:
     if not off <= _MET * max(1.0, float(np.abs(v).max(initial=0.0))):
         return replace(guess, stop=Stop.INFEASIBLE, message=said, iterations=int(found.nfev))
     return NLPPoint(
-        v=np.clip(v, low, high), objective=float(f[0]), stop=Stop.SOLVED, message=f"{said}, which agree: least squares",
-        iterations=int(found.nfev), seconds={"build": 0.0, "solve": time.perf_counter() - began},
-    )  # fmt: skip
+        v=np.clip(v, low, high),
+        objective=float(f[0]),
+        stop=Stop.SOLVED,
+        message=f"{said}, which agree: least squares",
+        iterations=int(found.nfev),
+        seconds={"build": 0.0, "solve": time.perf_counter() - began},
+    )
 
 
 def _beyond(values: np.ndarray, box: np.ndarray) -> np.ndarray:

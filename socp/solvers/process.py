@@ -1,4 +1,6 @@
-"""Mixed-integer solvers in processes of their own: time limits that hold, and only what was checked is believed."""
+"""Mixed-integer solvers in processes of their own: time limits that hold, and only what was checked
+is believed.
+"""
 
 import contextlib
 import json
@@ -32,10 +34,11 @@ _PAUSE = 0.02  # seconds between two looks at what a solver has told
 class Outcome:
     """What a mixed-integer solver came to, as far as it could be checked.
 
-    `point`: the best point that was verified, its binaries rounded, with why the solver stopped; where there is none,
-    the guess. `bound`: lower bound of the objective that the solver proved, nan where it proves none. `violation` of
-    rows and bounds by the point and `integrality`, the distance of its binaries from 0 or 1 before rounding, are
-    evaluated here, not by the solver; both are nan where no point was verified. `nodes` is their number, 0 if unknown.
+    `point`: the best point that was verified, its binaries rounded, with why the solver stopped;
+    where there is none, the guess. `bound`: lower bound of the objective that the solver proved,
+    nan where it proves none. `violation` of rows and bounds by the point and `integrality`, the
+    distance of its binaries from 0 or 1 before rounding, are evaluated here, not by the solver;
+    both are nan where no point was verified. `nodes` is their number, 0 if unknown.
     """
 
     point: NLPPoint
@@ -51,7 +54,9 @@ class Outcome:
 
     @property
     def gap(self) -> float:
-        """Distance of the objective from the bound, relative to the larger of the two; nan where either is missing."""
+        """Distance of the objective from the bound, relative to the larger of the two; nan where
+        either is missing.
+        """
         if not self.found or not math.isfinite(self.bound):
             return math.nan
         size = max(abs(self.point.objective), abs(self.bound), 1e-10)
@@ -62,15 +67,22 @@ class Outcome:
         if not known.found or (self.found and self.point.objective <= known.point.objective):
             return self
         stop = Stop.LIMIT if self.point.stop in {Stop.INFEASIBLE, Stop.FAILED} else self.point.stop
-        message = f"{self.point.message.removesuffix(LACKING)}; the point is an earlier one, {known.point.message}"
-        point = replace(self.point, v=known.point.v, objective=known.point.objective, stop=stop, message=message)
+        message = (
+            f"{self.point.message.removesuffix(LACKING)}; the point is an earlier one, "
+            f"{known.point.message}"
+        )
+        point = replace(
+            self.point, v=known.point.v, objective=known.point.objective, stop=stop, message=message
+        )
         return replace(self, point=point, violation=known.violation, integrality=known.integrality)
 
 
 @final
 @dataclass(frozen=True)
 class Job:
-    """One run of a solver: the module whose `work` is called with `job`, in a folder, until a time of the clock."""
+    """One run of a solver: the module whose `work` is called with `job`, in a folder, until a time
+    of the clock.
+    """
 
     module: str
     folder: Path
@@ -82,7 +94,9 @@ class Job:
 @final
 @dataclass(eq=False)
 class _Told:
-    """What was told so far: the best verified point, the best bound, the last status, and what was not believed."""
+    """What was told so far: the best verified point, the best bound, the last status, and what was
+    not believed.
+    """
 
     nlp: NLP
     name: str
@@ -100,7 +114,10 @@ class _Told:
             v = None if record.get("v") is None else np.array(record["v"], dtype=float)
             bound = float(record.get("bound", math.nan))
             self.nodes = max(self.nodes, int(record.get("nodes", 0)))
-            self.status, self.error = str(record.get("status", self.status)), str(record.get("error", self.error))
+            self.status, self.error = (
+                str(record.get("status", self.status)),
+                str(record.get("error", self.error)),
+            )
         except (ValueError, TypeError, AttributeError):
             self.refused.append(f"it said what cannot be read: {line[:60]!r}")
             return
@@ -126,30 +143,43 @@ def programme_job(nlp: NLP, starts: Sequence[NLPPoint], folder: Path) -> dict[st
     """Save a programme to a folder and return what a job says of it: starts, boxes and binaries."""
     casadi.Function("nlp", [nlp.v], [nlp.f, nlp.g]).save(str(folder / "nlp.casadi"))
     return {
-        "starts": [start.v.tolist() for start in starts], "v_box": nlp.v_box.tolist(), "g_box": nlp.g_box.tolist(),
+        "starts": [start.v.tolist() for start in starts],
+        "v_box": nlp.v_box.tolist(),
+        "g_box": nlp.g_box.tolist(),
         "binary": nlp.binary.tolist(),
-    }  # fmt: skip
+    }
 
 
 def checked(nlp: NLP, v: np.ndarray) -> Outcome:
-    """Return a point (n,) with its binaries rounded, and its objective and violations evaluated by casadi."""
+    """Return a point (n,) with its binaries rounded, and its objective and violations evaluated by
+    casadi.
+    """
     rounded = np.where(nlp.binary, np.round(np.clip(v, 0.0, 1.0)), v)
     integrality = float(np.abs(v - rounded)[nlp.binary].max(initial=0.0))
-    f, g = (each.full().ravel() for each in casadi.Function("point", [nlp.v], [nlp.f, nlp.g])(rounded))
-    off = [np.maximum(low - at, at - high) for at, (low, high) in ((rounded, nlp.v_box), (g, nlp.g_box))]
+    f, g = (
+        each.full().ravel() for each in casadi.Function("point", [nlp.v], [nlp.f, nlp.g])(rounded)
+    )
+    off = [
+        np.maximum(low - at, at - high)
+        for at, (low, high) in ((rounded, nlp.v_box), (g, nlp.g_box))
+    ]
     violation = float(np.concatenate(off).max(initial=0.0))  # nan where a row cannot be computed
     point = NLPPoint(v=rounded, objective=float(f[0]), stop=Stop.LIMIT)
     return Outcome(point=point, violation=violation, integrality=integrality)
 
 
 def solved_apart(nlp: NLP, guess: NLPPoint, job: Job, watch: Watch) -> Outcome:
-    """Run a solver in a process of its own, end it where it does not end in time, and return what holds.
+    """Run a solver in a process of its own, end it where it does not end in time, and return what
+    holds.
 
-    Ctrl-C, or a watch that answers true, ends it too; then the best point so far comes back as interrupted.
+    Ctrl-C, or a watch that answers true, ends it too; then the best point so far comes back as
+    interrupted.
     """
     began, told = time.perf_counter(), _Told(nlp, job.name)
     kill_after = max(job.until - time.time(), 0.0) + GRACE
-    text = json.dumps({**job.job, "until": job.until, "killed_after": kill_after, "parent": os.getpid()})
+    text = json.dumps(
+        {**job.job, "until": job.until, "killed_after": kill_after, "parent": os.getpid()}
+    )
     (job.folder / "job.json").write_text(text, encoding="utf-8")
     ended = "interrupted"
     with contextlib.suppress(KeyboardInterrupt):
@@ -181,19 +211,31 @@ def _attended(job: Job, told: _Told, watch: Watch, deadline: float) -> str:
 def _progress(told: _Told, count: int) -> Progress:
     if told.best is None:
         return Progress(told.name, count, math.nan, math.nan)
-    return Progress(told.name, count, told.best.point.objective, told.best.violation, best=told.best.point.objective)
+    return Progress(
+        told.name,
+        count,
+        told.best.point.objective,
+        told.best.violation,
+        best=told.best.point.objective,
+    )
 
 
 @contextlib.contextmanager
 def _process(command: list[str], log: Any, folder: Path) -> Iterator["subprocess.Popen[bytes]"]:
     """Start a process in a group of its own, which is ended with the body.
 
-    It runs in the folder of its job: solvers read files such as `bonmin.opt` where they run, unasked.
+    It runs in the folder of its job: solvers read files such as `bonmin.opt` where they run,
+    unasked.
     """
     process = subprocess.Popen(  # noqa: S603 - this Python with a module of this package
-        command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True, cwd=folder,
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=log,
+        stderr=log,
+        start_new_session=True,
+        cwd=folder,
         env=environment(),
-    )  # fmt: skip
+    )
     try:
         yield process
     finally:
@@ -203,7 +245,9 @@ def _process(command: list[str], log: Any, folder: Path) -> Iterator["subprocess
 
 
 def _lines(path: Path) -> Iterator[str]:
-    """Yield the lines that have been added to a file, and an empty text whenever there are no more so far."""
+    """Yield the lines that have been added to a file, and an empty text whenever there are no more
+    so far.
+    """
     rest, place = "", 0
     while True:
         if path.exists():
@@ -222,19 +266,26 @@ def _how(code: int) -> str:
 
 def _outcome(told: _Told, guess: NLPPoint, ended: str, seconds: float) -> Outcome:
     bound = told.bound if math.isfinite(told.bound) else math.nan
-    if told.best is not None and bound > told.best.point.objective + FEASIBLE * max(1.0, abs(bound)):
+    if told.best is not None and bound > told.best.point.objective + FEASIBLE * max(
+        1.0, abs(bound)
+    ):
         told.refused.append(f"its bound {bound:.9g} lies above the objective of a feasible point")
         bound = math.nan
     stop = _stop(told, ended)
-    said = "finished" if told.status == "optimal" else told.status  # what that proves is its bound, nothing else
+    said = (
+        "finished" if told.status == "optimal" else told.status
+    )  # what that proves is its bound, nothing else
     status = told.error or ended or said or "it ended without a word"
     best = told.best or Outcome(point=replace(guess, objective=math.nan))
     refused = f" (not believed: {told.refused[-1]})" if told.refused else ""
     lacking = "" if told.best else LACKING
     point = replace(
-        best.point, stop=stop, message=f"{told.name}: {status}{refused}{lacking}", seconds={"solve": seconds},
+        best.point,
+        stop=stop,
+        message=f"{told.name}: {status}{refused}{lacking}",
+        seconds={"solve": seconds},
         iterations=told.nodes,
-    )  # fmt: skip
+    )
     return replace(best, point=point, bound=bound, nodes=told.nodes)
 
 

@@ -11,11 +11,14 @@ from socp.model import walked
 from socp.solvers.contract import NLP
 
 
-def translated(expressions: Any, symbols: Any, values: Sequence[Any], *, elementary: bool = False) -> list[Any]:
-    """Return casadi expressions (m, 1) of symbols (n, 1) as Pyomo's, in the n values given for the symbols.
+def translated(
+    expressions: Any, symbols: Any, values: Sequence[Any], *, elementary: bool = False
+) -> list[Any]:
+    """Return casadi expressions (m, 1) of symbols (n, 1) as Pyomo's, in the n values given for the
+    symbols.
 
-    `elementary` writes hyperbolic functions by exp, for solvers that know no others. Raises MethodError, with its name,
-    for an operation that Pyomo does not have.
+    `elementary` writes hyperbolic functions by exp, for solvers that know no others. Raises
+    MethodError, with its name, for an operation that Pyomo does not have.
     """
     operations = _operations()
     if elementary:
@@ -26,8 +29,9 @@ def translated(expressions: Any, symbols: Any, values: Sequence[Any], *, element
 def pyomo_programme(nlp: NLP, start: np.ndarray | None = None, *, elementary: bool = False) -> Any:
     """Return a nonlinear programme as a Pyomo ConcreteModel.
 
-    `model.v[i]` are its variables in order, binary where flagged; `model.g[j]` its rows; `start` (n,) their values.
-    Where an interior start is given, binaries are kept as they are, fractions included.
+    `model.v[i]` are its variables in order, binary where flagged; `model.g[j]` its rows; `start`
+    (n,) their values. Where an interior start is given, binaries are kept as they are, fractions
+    included.
     """
     import pyomo.environ as pyo
 
@@ -46,13 +50,16 @@ def pyomo_programme(nlp: NLP, start: np.ndarray | None = None, *, elementary: bo
     model.objective = pyo.Objective(expr=cost)
     model.g = pyo.Constraint(range(len(rows)))
     for j, row in enumerate(rows):
-        if not isinstance(row, (int, float)):  # a row of no variable says nothing, or is none to begin with
+        if not isinstance(
+            row, (int, float)
+        ):  # a row of no variable says nothing, or is none to begin with
             model.g.add(j, _bounded(row, *nlp.g_box[:, j]))
     return model
 
 
 def write_nl(model: Any, path: str | Path) -> list[int]:
-    """Write a model of `pyomo_programme` as AMPL's .nl file; returns which variable stands in each of its columns.
+    """Write a model of `pyomo_programme` as AMPL's .nl file; returns which variable stands in each
+    of its columns.
 
     Pyomo leaves out variables that occur nowhere and orders the others; so does the list.
     """
@@ -80,9 +87,22 @@ def _operations() -> Mapping[int, Callable[..., Any]]:
     from pyomo.core.expr import Expr_if
 
     named = (
-        "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp", "log",
+        "sin",
+        "cos",
+        "tan",
+        "asin",
+        "acos",
+        "atan",
+        "sinh",
+        "cosh",
+        "tanh",
+        "asinh",
+        "acosh",
+        "atanh",
+        "exp",
+        "log",
         "sqrt",
-    )  # fmt: skip
+    )
     return {
         **{getattr(casadi, f"OP_{name.upper()}"): getattr(pyo, name) for name in named},
         **ARITHMETIC,

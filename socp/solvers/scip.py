@@ -1,4 +1,5 @@
-"""SCIP through an .nl file that Pyomo writes: global branch and bound, with a proved lower bound of the programme.
+"""SCIP through an .nl file that Pyomo writes: global branch and bound, with a proved lower bound of
+the programme.
 
 SCIP runs in a process of its own, which tells of every better point and of the bound as it rises.
 """
@@ -20,9 +21,16 @@ from socp.solvers.worker import Tell
 _DEFAULTS: dict[str, Any] = {"numerics/feastol": 5e-6}  # a point to start from is no sharper
 _ENDING = 0.2  # seconds that it needs to stop
 _STATUS = {
-    "optimal": "optimal", "gaplimit": "optimal", "infeasible": "infeasible", "timelimit": "limit", "memlimit": "limit",
-    "nodelimit": "limit", "userinterrupt": "limit", "unbounded": "unbounded", "inforunbd": "infeasible or unbounded",
-}  # fmt: skip
+    "optimal": "optimal",
+    "gaplimit": "optimal",
+    "infeasible": "infeasible",
+    "timelimit": "limit",
+    "memlimit": "limit",
+    "nodelimit": "limit",
+    "userinterrupt": "limit",
+    "unbounded": "unbounded",
+    "inforunbd": "infeasible or unbounded",
+}
 
 
 @final
@@ -34,7 +42,7 @@ class Scip:
 
     def __call__(
         self, nlp: NLP, starts: Sequence[NLPPoint], seconds: float, watch: Watch = silent
-    ) -> Outcome:  # fmt: skip
+    ) -> Outcome:
         """Solve for so many seconds at most; the first start is offered to SCIP as a solution."""
         until = time.time() + seconds
         with tempfile.TemporaryDirectory(prefix="socp-") as place:
@@ -42,9 +50,10 @@ class Scip:
             model = pyomo_programme(nlp, starts[0].v, elementary=True)
             columns = write_nl(model, folder / "programme.nl")
             job = {
-                "columns": columns, "starts": [start.v.tolist() for start in starts],
+                "columns": columns,
+                "starts": [start.v.tolist() for start in starts],
                 "options": {**_DEFAULTS, **self.options},
-            }  # fmt: skip
+            }
             return solved_apart(nlp, starts[0], Job(__name__, folder, job, until, "scip"), watch)
 
 

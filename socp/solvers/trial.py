@@ -1,4 +1,6 @@
-"""Ipopt's linear solvers on trial in a process of their own: some that it knows by name end the process they run in."""
+"""Ipopt's linear solvers on trial in a process of their own: some that it knows by name end the
+process they run in.
+"""
 
 import subprocess
 import sys
@@ -7,7 +9,11 @@ from functools import cache
 from typing import Any
 
 CHOSEN = ("linear_solver", "linear_system_scaling", "hsllib", "pardisolib")  # may load foreign code
-_SHIPPED = {("linear_solver", "mumps"), ("linear_system_scaling", "none"), ("linear_system_scaling", "slack-based")}
+_SHIPPED = {
+    ("linear_solver", "mumps"),
+    ("linear_system_scaling", "none"),
+    ("linear_system_scaling", "slack-based"),
+}
 _LIMIT = 60.0  # seconds: a hundred times what a trial takes
 _PROGRAMME = """
 import sys, casadi
@@ -21,7 +27,9 @@ print("status", solver.stats()["return_status"], flush=True)
 
 
 def refused(options: Mapping[str, Any]) -> str:
-    """Return what is wrong with the linear solver that options ask for, empty where it works or none is chosen."""
+    """Return what is wrong with the linear solver that options ask for, empty where it works or
+    none is chosen.
+    """
     given = tuple((name, str(options[name])) for name in CHOSEN if name in options)
     if not {pair[0] for pair in given if pair not in _SHIPPED} - {"hsllib", "pardisolib"}:
         return ""
@@ -36,13 +44,25 @@ def working(names: Sequence[str]) -> tuple[str, ...]:
 
 @cache
 def _tried(cases: tuple[tuple[tuple[str, str], ...], ...]) -> tuple[str, ...]:
-    """Return the fault of every case of options, side by side; empty for one that solves a programme."""
+    """Return the fault of every case of options, side by side; empty for one that solves a
+    programme.
+    """
     running = []
     for case in cases:
-        command = [sys.executable, "-P", "-c", _PROGRAMME, *(f"{name}={value}" for name, value in case)]
+        command = [
+            sys.executable,
+            "-P",
+            "-c",
+            _PROGRAMME,
+            *(f"{name}={value}" for name, value in case),
+        ]
         running.append(
             subprocess.Popen(  # noqa: S603 - this Python and the programme above
-                command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
             )
         )
     return tuple(_fault(each) for each in running)
@@ -58,5 +78,9 @@ def _fault(process: "subprocess.Popen[str]") -> str:
     if process.returncode < 0:
         return f"it ends the process, signal {-process.returncode}"
     if "status Solve_Succeeded" in out.splitlines():
-        return "" if process.returncode == 0 else f"it ends the process, exit code {process.returncode}"
+        return (
+            ""
+            if process.returncode == 0
+            else f"it ends the process, exit code {process.returncode}"
+        )
     return "it cannot be loaded or fails at the smallest programme"

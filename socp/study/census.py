@@ -1,4 +1,6 @@
-"""Census of extremals: independent starts, each refined to a certified word, clustered by objective and word."""
+"""Census of extremals: independent starts, each refined to a certified word, clustered by objective
+and word.
+"""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -22,7 +24,8 @@ from socp.transcription import Mesh, euler, single_phase, uniform
 from socp.verdict import judge
 
 _DIRECT = Ipopt({"tol": 1e-7, "max_iter": 500})  # words are read off these solutions, not digits
-# steps of implicit Euler, from which a word is read; words tried then; the work on them, iterations times variables
+# steps of implicit Euler, from which a word is read; words tried then; the work on them, iterations
+# times variables
 _FINER = ((200, 4, 1.5e5), (800, 6, 5e5), (2500, 3, 1e6))
 _FEASIBLE = 1e-6  # violation up to which the solution of a word stands for its start
 
@@ -33,7 +36,8 @@ def recipe() -> str:
 
 
 def explore(problem: Problem, number: int, watch: Watch = silent) -> Outcome:
-    """Follow one start: a direct solve, finer ones from it, and the words read off these, until one is certified.
+    """Follow one start: a direct solve, finer ones from it, and the words read off these, until one
+    is certified.
 
     Raises KeyboardInterrupt where the solve was interrupted.
     """
@@ -47,7 +51,9 @@ def explore(problem: Problem, number: int, watch: Watch = silent) -> Outcome:
     return Outcome(number, here.about, found, error)
 
 
-def _explored(problem: Problem, guess: Solution, mesh: Mesh, watch: Watch) -> tuple[Solution | None, str]:
+def _explored(
+    problem: Problem, guess: Solution, mesh: Mesh, watch: Watch
+) -> tuple[Solution | None, str]:
     direct = _solved(problem, guess, mesh, watch)
     if not direct.stop.ok:
         return None, direct.message
@@ -65,7 +71,11 @@ def _explored(problem: Problem, guess: Solution, mesh: Mesh, watch: Watch) -> tu
         found = replace(found, nodes=tuple(search.nodes))
         if found.extremal:
             return found, ""
-        if found.verdict and found.verdict.miss <= _FEASIBLE and (best is None or residual(found) < residual(best)):
+        if (
+            found.verdict
+            and found.verdict.miss <= _FEASIBLE
+            and (best is None or residual(found) < residual(best))
+        ):
             best = found
     return (best or judge(problem, direct)), ""
 
@@ -84,7 +94,9 @@ def _go_on(solution: Solution) -> None:
 @final
 @dataclass(frozen=True)
 class Task:
-    """A start followed in a worker process, which loads the problem itself; None where it was asked to stop."""
+    """A start followed in a worker process, which loads the problem itself; None where it was asked
+    to stop.
+    """
 
     load: Callable[[], Problem]
 
@@ -121,7 +133,9 @@ class Tally:
         self.outcomes[number] = outcome
         self.best = self.census().best
         value = outcome.solution.objective if outcome.solution else float("nan")
-        return self.watch is not silent and self.see(Progress("", len(self.outcomes), value, float("nan")))
+        return self.watch is not silent and self.see(
+            Progress("", len(self.outcomes), value, float("nan"))
+        )
 
     def keep(self, kept: Kept, outcome: Outcome) -> None:
         """Keep a start on the disk; one that cannot be kept counts all the same."""
@@ -131,8 +145,12 @@ class Tally:
             self.unkept = self.unkept or str(error)
 
     def see(self, now: Progress, /) -> bool:
-        """Tell the watch how many starts are finished, and the best of them, with what a solver says."""
-        told = f"{len(self.outcomes)} of {self.wanted} starts" + (f", {now.stage}" if now.stage else "")
+        """Tell the watch how many starts are finished, and the best of them, with what a solver
+        says.
+        """
+        told = f"{len(self.outcomes)} of {self.wanted} starts" + (
+            f", {now.stage}" if now.stage else ""
+        )
         if self.best is None:
             return self.watch(replace(now, stage=told))
         word = now.word or self.best.word
@@ -146,13 +164,17 @@ class Tally:
 
 
 def survey(
-    problem: Problem, starts: int, kept: Kept | None = None, watch: Watch = silent,
+    problem: Problem,
+    starts: int,
+    kept: Kept | None = None,
+    watch: Watch = silent,
     workers: tuple[int, Callable[[], Problem]] | None = None,
-) -> Census:  # fmt: skip
-    """Return the census of so many starts; those kept already are not followed again, new ones are kept.
+) -> Census:
+    """Return the census of so many starts; those kept already are not followed again, new ones are
+    kept.
 
-    workers: number of processes, and how each of them loads the problem; none means this process. Ctrl-C, or a true
-    answer of the watch, ends it with the starts finished so far.
+    workers: number of processes, and how each of them loads the problem; none means this process.
+    Ctrl-C, or a true answer of the watch, ends it with the starts finished so far.
     """
     tally = Tally(starts, watch)
     for number, outcome in (kept.read() if kept else {}).items():
@@ -171,7 +193,9 @@ def survey(
     return tally.census(interrupted=stopped)
 
 
-def _counted(running: Iterator[tuple[int, Outcome | None]], tally: Tally, kept: Kept | None) -> bool:
+def _counted(
+    running: Iterator[tuple[int, Outcome | None]], tally: Tally, kept: Kept | None
+) -> bool:
     """Count and keep starts as they are finished; returns whether that was stopped."""
     for number, outcome in running:
         with held():
@@ -185,7 +209,10 @@ def _counted(running: Iterator[tuple[int, Outcome | None]], tally: Tally, kept: 
 
 
 def _running(
-    problem: Problem, todo: Sequence[int], watch: Watch, workers: tuple[int, Callable[[], Problem]] | None
+    problem: Problem,
+    todo: Sequence[int],
+    watch: Watch,
+    workers: tuple[int, Callable[[], Problem]] | None,
 ) -> Any:
     """Yield (number, outcome) of every start, None where its worker died."""
     if workers is None or workers[0] == 1:

@@ -1,4 +1,6 @@
-"""What starts came to: outcomes, and the extremals that they are clustered into by objective and word."""
+"""What starts came to: outcomes, and the extremals that they are clustered into by objective and
+word.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +15,9 @@ _ALIKE = 1e-3  # the same where nothing is certified: the grids differ by as muc
 @final
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What came of one start: its solution, certified or the best there is, or None with the reason in `error`."""
+    """What came of one start: its solution, certified or the best there is, or None with the reason
+    in `error`.
+    """
 
     number: int
     about: str
@@ -29,7 +33,9 @@ class Outcome:
 @final
 @dataclass(frozen=True, eq=False)
 class Cluster:
-    """An extremal, or what looks like one: its solution of the least residual, and the starts that ended in it."""
+    """An extremal, or what looks like one: its solution of the least residual, and the starts that
+    ended in it.
+    """
 
     solution: Solution
     starts: tuple[int, ...]
@@ -38,7 +44,8 @@ class Cluster:
 @final
 @dataclass(frozen=True, eq=False)
 class Census:
-    """All that the starts of a problem came to; `wanted` starts were asked for, `died` are those whose worker did.
+    """All that the starts of a problem came to; `wanted` starts were asked for, `died` are those
+    whose worker did.
 
     `unkept` says why finished starts could not be kept, where they could not.
     """
@@ -56,7 +63,9 @@ class Census:
 
     @property
     def others(self) -> tuple[Cluster, ...]:
-        """The local solutions in which starts ended that nothing certified, best objective first."""
+        """The local solutions in which starts ended that nothing certified, best objective
+        first.
+        """
         return clusters([each for each in self.outcomes if not each.certified], certified=False)
 
     @property
@@ -72,17 +81,24 @@ class Census:
 
 
 def clusters(outcomes: Sequence[Outcome], *, certified: bool = True) -> tuple[Cluster, ...]:
-    """Return outcomes clustered by objective, and by word too where they are certified; best objective first."""
+    """Return outcomes clustered by objective, and by word too where they are certified; best
+    objective first.
+    """
     found: list[list[tuple[int, Solution]]] = []
     solved = [(each.number, each.solution) for each in outcomes if each.solution is not None]
     for number, solution in sorted(solved, key=lambda pair: (pair[1].objective, pair[0])):
-        home = next((cluster for cluster in found if _together(cluster[0][1], solution, certified)), None)
+        home = next(
+            (cluster for cluster in found if _together(cluster[0][1], solution, certified)), None
+        )
         if home is None:
             found.append([(number, solution)])
         else:
             home.append((number, solution))
     return tuple(
-        Cluster(min(each, key=lambda pair: residual(pair[1]))[1], tuple(sorted(number for number, _ in each)))
+        Cluster(
+            min(each, key=lambda pair: residual(pair[1]))[1],
+            tuple(sorted(number for number, _ in each)),
+        )
         for each in found
     )
 

@@ -11,19 +11,33 @@ from socp.laws import arc_modes
 from socp.methods import Follower, arranged, sound
 from socp.model import SHORTEST, Problem, Solution, Stop, Watch, Word, silent
 from socp.process import breakable
-from socp.search import Candidate, Joint, changed, dropped, left_out, mends, put_in, read, shortened, spelled
+from socp.search import (
+    Candidate,
+    Joint,
+    changed,
+    dropped,
+    left_out,
+    mends,
+    put_in,
+    read,
+    shortened,
+    spelled,
+)
 from socp.solvers import Backend, Ipopt
 from socp.verdict import chattering, judge
 
 _ROUNDING = 1e-11  # relative: what a difference of two objectives has to exceed to say anything
-_ALIKE = 2.0  # times: what two ratios tell of the rest; further apart the rest is not known to its first digit
+# Times: what two ratios tell of the rest; further apart the rest is not known to its first digit
+_ALIKE = 2.0
 
 
 def limit(solutions: Sequence[Solution]) -> float | None:
-    """Return Aitken's extrapolation of the objectives, of the last three that differ by more than rounding.
+    """Return Aitken's extrapolation of the objectives, of the last three that differ by more than
+    rounding.
 
-    It is the limit of a sequence that converges geometrically, and of no other. None where the last four are none: what
-    is left of a geometric sequence is a fixed share of its last step, which both ratios of the steps tell alike.
+    It is the limit of a sequence that converges geometrically, and of no other. None where the last
+    four are none: what is left of a geometric sequence is a fixed share of its last step, which
+    both ratios of the steps tell alike.
     """
     values = [solution.objective for solution in solutions]
     steps = np.diff(values)
@@ -35,20 +49,32 @@ def limit(solutions: Sequence[Solution]) -> float | None:
     if not all(0.0 < ratio < 1.0 for ratio in ratios):
         return None
     left, before = (ratio / (1.0 - ratio) for ratio in ratios)
-    return float(values[k + 1] + left * steps[k]) if max(left, before) <= _ALIKE * min(left, before) else None
+    return (
+        float(values[k + 1] + left * steps[k])
+        if max(left, before) <= _ALIKE * min(left, before)
+        else None
+    )
 
 
 def told(solutions: Sequence[Solution]) -> str:
-    """Say in a sentence what the objective is for every number of switches, and where it tends to."""
+    """Say in a sentence what the objective is for every number of switches, and where it tends
+    to.
+    """
     said = ", ".join(f"{len(each.arcs) - 1}: {each.objective:.12g}" for each in solutions)
     end, ratios = limit(solutions), shortening(solutions[-1])
     tends = "" if end is None else f"; Aitken's extrapolation of the last three is {end:.12g}"
-    law = f"; arcs between switches shorten by {', '.join(f'{each:.4g}' for each in ratios)}" if ratios else ""
+    law = (
+        f"; arcs between switches shorten by {', '.join(f'{each:.4g}' for each in ratios)}"
+        if ratios
+        else ""
+    )
     return f"best objective by number of switches {said}{tends}{law}"
 
 
 def shortening(solution: Solution) -> list[float]:
-    """Return what the length of every arc between two switches is times the one before; none unless all shorten."""
+    """Return what the length of every arc between two switches is times the one before; none unless
+    all shorten.
+    """
     lengths = np.diff(solution.junctions)
     ratios = (lengths[1:] / lengths[:-1]).tolist()
     return ratios if all(0.0 < each < 1.0 for each in ratios) else []
@@ -66,10 +92,11 @@ _BACKEND = Ipopt({"tol": 1e-11, "max_iter": 300})
 @final
 @dataclass(frozen=True, eq=False)
 class Frontier:
-    """The best solution with at most so many switches, for each number; None where no word that was tried is feasible.
+    """The best solution with at most so many switches, for each number; None where no word that was
+    tried is feasible.
 
-    `rows[n]` is judged; `words` counts those solved; `every` tells whether these were all words of at most so many
-    switches.
+    `rows[n]` is judged; `words` counts those solved; `every` tells whether these were all words of
+    at most so many switches.
     """
 
     rows: tuple[Solution | None, ...]
@@ -86,7 +113,9 @@ class Frontier:
 @final
 @dataclass(eq=False)
 class _Trials:
-    """The words solved so far, the best ones of every number of switches, and how to solve another."""
+    """The words solved so far, the best ones of every number of switches, and how to solve
+    another.
+    """
 
     problem: Problem
     most: int
@@ -103,7 +132,9 @@ class _Trials:
         self.found = [[] for _ in range(self.most + 1)]
 
     def solve(self, given: Candidate) -> bool:
-        """Solve a word that is new and has few enough switches; returns whether it did better than those before."""
+        """Solve a word that is new and has few enough switches; returns whether it did better than
+        those before.
+        """
         count = len(given.arcs) - 1
         over = self.interrupted or self.words >= max(_MOST, _ALL)
         if over or not 0 <= count <= self.most or given.key in self.tried:
@@ -128,7 +159,9 @@ class _Trials:
         follower = Follower(dwell=self.dwell, longer=False, backend=self.backend)
         solution = follower(self.problem, word, given.guess(), self._told(str(word)))
         if solution.stop.ok and not sound(self.problem, solution):
-            solution = replace(follower, boxed=True)(self.problem, word, given.guess(), self._told(str(word)))
+            solution = replace(follower, boxed=True)(
+                self.problem, word, given.guess(), self._told(str(word))
+            )
         return solution
 
     def _told(self, word: str) -> Watch:
@@ -140,7 +173,9 @@ class _Trials:
         return lambda now: self.watch(replace(now, stage=stage, word=word, best=value))
 
     def _kept(self, solution: Solution) -> bool:
-        """Keep a solution among the best of its number of switches, without arcs that have vanished."""
+        """Keep a solution among the best of its number of switches, without arcs that have
+        vanished.
+        """
         solution = judge(self.problem, solution)
         if solution.verdict is None or not solution.verdict.miss <= _FEASIBLE:
             return False
@@ -153,33 +188,47 @@ class _Trials:
         return better
 
     def best(self, switches: int) -> Solution | None:
-        """Return the best solution with at most so many switches, that with the fewest where others do no better."""
+        """Return the best solution with at most so many switches, that with the fewest where others
+        do no better.
+        """
         best: Solution | None = None
         for row in self.found[: switches + 1]:
-            if row and (best is None or row[0].objective < best.objective - _BETTER * abs(best.objective)):
+            if row and (
+                best is None or row[0].objective < best.objective - _BETTER * abs(best.objective)
+            ):
                 best = row[0]
         return best
 
 
 def best_by_switches(
-    problem: Problem, most: int, start: Solution, dwell: float = 0.0,
-    backend: Backend | None = None, watch: Watch = silent,
-) -> Frontier:  # fmt: skip
+    problem: Problem,
+    most: int,
+    start: Solution,
+    dwell: float = 0.0,
+    backend: Backend | None = None,
+    watch: Watch = silent,
+) -> Frontier:
     """Return the best objective for every number of switches up to the most.
 
-    A switch is a time at which any control changes its mode; `dwell` is the least time between two of them, and from
-    the ends of the horizon to the nearest. Where there are few enough words, each is solved; otherwise those that come
-    of the start's word, and of the best ones found, by leaving arcs out and by putting others in.
-    Raises MethodError for a number or a time out of range.
+    A switch is a time at which any control changes its mode; `dwell` is the least time between two
+    of them, and from the ends of the horizon to the nearest. Where there are few enough words, each
+    is solved; otherwise those that come of the start's word, and of the best ones found, by leaving
+    arcs out and by putting others in. Raises MethodError for a number or a time out of range.
     """
     if most < 0 or not dwell >= 0.0:
-        raise MethodError(f"frontier: at most {most} switches, dwell {dwell:g}: both must be at least 0")
+        raise MethodError(
+            f"frontier: at most {most} switches, dwell {dwell:g}: both must be at least 0"
+        )
     modes = arc_modes(problem)
     every = sum(len(modes) * (len(modes) - 1) ** n for n in range(most + 1)) <= _ALL
-    return _frontier(_Trials(problem, most, dwell, backend or _BACKEND, watch), modes, start, every=every)
+    return _frontier(
+        _Trials(problem, most, dwell, backend or _BACKEND, watch), modes, start, every=every
+    )
 
 
-def _frontier(trials: "_Trials", modes: Sequence[Joint], start: Solution, *, every: bool) -> Frontier:
+def _frontier(
+    trials: "_Trials", modes: Sequence[Joint], start: Solution, *, every: bool
+) -> Frontier:
     try:
         with breakable():
             (_everything if every else _beam)(trials, modes, start)
@@ -190,9 +239,15 @@ def _frontier(trials: "_Trials", modes: Sequence[Joint], start: Solution, *, eve
 
 
 def best_word(
-    problem: Problem, at_most: int, start: Solution, backend: Backend | None = None, watch: Watch = silent
+    problem: Problem,
+    at_most: int,
+    start: Solution,
+    backend: Backend | None = None,
+    watch: Watch = silent,
 ) -> list[Solution]:
-    """Return the best judged solution for every number of switches up to `at_most` with which there is a better one."""
+    """Return the best judged solution for every number of switches up to `at_most` with which there
+    is a better one.
+    """
     trials = _Trials(problem, at_most, 0.0, backend or _BACKEND, watch, width=1)
     return distinct(_frontier(trials, arc_modes(problem), start, every=False))
 
@@ -204,11 +259,19 @@ def distinct(found: Frontier) -> list[Solution]:
 
 
 def limited(problem: Problem, found: Solution, at_most: int, watch: Watch = silent) -> Solution:
-    """Return the best word of at most so many switches where a solution chatters, with the frontier in its message.
+    """Return the best word of at most so many switches where a solution chatters, with the frontier
+    in its message.
 
-    Any other solution comes back as it is, as does one of so few switches that no such word is better than.
+    Any other solution comes back as it is, as does one of so few switches that no such word is
+    better than.
     """
-    if at_most < 1 or found.extremal or not found.stop.ok or not found.structure or not chattering(problem, found):
+    if (
+        at_most < 1
+        or found.extremal
+        or not found.stop.ok
+        or not found.structure
+        or not chattering(problem, found)
+    ):
         return found
     trials = _Trials(problem, at_most, 0.0, _BACKEND, watch, width=1)
     seen = _frontier(trials, arc_modes(problem), found, every=False)
@@ -228,7 +291,11 @@ def _everything(trials: _Trials, modes: Sequence[Joint], start: Solution) -> Non
             word = Word(trials.problem.control_names, arcs)
             source = trials.best(count) or start
             guess = arranged(trials.problem, source, word)
-            trials.solve(Candidate(arcs, (guess.initial_time, *guess.junctions.tolist(), guess.final_time), source))
+            trials.solve(
+                Candidate(
+                    arcs, (guess.initial_time, *guess.junctions.tolist(), guess.final_time), source
+                )
+            )
 
 
 def _words(modes: Sequence[Joint], count: int) -> Iterator[tuple[Joint, ...]]:
@@ -240,7 +307,9 @@ def _words(modes: Sequence[Joint], count: int) -> Iterator[tuple[Joint, ...]]:
 
 
 def _beam(trials: _Trials, modes: Sequence[Joint], start: Solution) -> None:
-    """Solve the words that come of the start's, and of the best found, until none of them does better."""
+    """Solve the words that come of the start's, and of the best found, until none of them does
+    better.
+    """
     own = all(mode != "*" for arc in start.arcs for mode in arc.modes)
     seed = spelled(start) if own else read(trials.problem, start)
     for mode in modes:
@@ -265,7 +334,9 @@ def _beam(trials: _Trials, modes: Sequence[Joint], start: Solution) -> None:
 
 
 def _shortened(trials: _Trials, seed: Candidate) -> None:
-    """Solve the words that a seed with too many switches comes to when its shortest arcs go first."""
+    """Solve the words that a seed with too many switches comes to when its shortest arcs go
+    first.
+    """
     while len(seed.arcs) > 1:
         lengths = np.diff(seed.edges)
         seed = dropped(seed, int(np.argmin(lengths)))

@@ -1,4 +1,6 @@
-"""Starts spread over guesses, words and meshes: start number k is the same however many there are."""
+"""Starts spread over guesses, words and meshes: start number k is the same however many there
+are.
+"""
 
 from dataclasses import dataclass
 from itertools import islice
@@ -30,7 +32,9 @@ class Start:
 
 
 def start(problem: Problem, number: int) -> Start:
-    """Return a start: number 0 is the default guess, odd ones move along random words, the others are scattered."""
+    """Return a start: number 0 is the default guess, odd ones move along random words, the others
+    are scattered.
+    """
     guess, about = default_guess(problem), "default guess"
     if number % 2:
         guess, about = motion(problem, guess, number), "random word"
@@ -45,14 +49,18 @@ def start(problem: Problem, number: int) -> Start:
 
 
 def motion(problem: Problem, guess: Solution, seed: int) -> Solution:
-    """Return the motion from where a guess starts, its controls held at random levels on the arcs of a random word.
+    """Return the motion from where a guess starts, its controls held at random levels on the arcs
+    of a random word.
 
-    The states are kept within their bounds and a few times their magnitudes; a free horizon is up to twice or half as
-    long as the guess's.
+    The states are kept within their bounds and a few times their magnitudes; a free horizon is up
+    to twice or half as long as the guess's.
     """
     random = np.random.default_rng([seed, RECIPE])
     first, last = guess.initial_time, guess.final_time
-    fixed = problem.initial_time_box[0] == problem.initial_time_box[1] and np.ptp(problem.final_time_box) == 0
+    fixed = (
+        problem.initial_time_box[0] == problem.initial_time_box[1]
+        and np.ptp(problem.final_time_box) == 0
+    )
     longer = 1.0 if fixed else 2.0 ** random.uniform(-1.0, 1.0)
     t = np.linspace(first, first + (last - first) * longer, _STEPS + 1)
     count = int(random.integers(1, _ARCS + 1))
@@ -62,18 +70,26 @@ def motion(problem: Problem, guess: Solution, seed: int) -> Solution:
 
 
 def _levels(problem: Problem, random: np.random.Generator, count: int) -> np.ndarray:
-    """Return what the controls are held at on every arc (nu, count): a bound, or anywhere inside the box."""
-    low = np.where(np.isfinite(problem.box[0]), problem.box[0], np.minimum(problem.box[1], 0.0) - 1.0)
+    """Return what the controls are held at on every arc (nu, count): a bound, or anywhere inside
+    the box.
+    """
+    low = np.where(
+        np.isfinite(problem.box[0]), problem.box[0], np.minimum(problem.box[1], 0.0) - 1.0
+    )
     high = np.where(np.isfinite(problem.box[1]), problem.box[1], np.maximum(low, 0.0) + 1.0)
     low = np.where(np.isfinite(low), low, high - 2.0)
     shape = (low.size, count)
-    share = np.where(random.random(shape) < _INSIDE, random.random(shape), random.integers(0, 2, shape))
+    share = np.where(
+        random.random(shape) < _INSIDE, random.random(shape), random.integers(0, 2, shape)
+    )
     levels: np.ndarray = low[:, None] + (high - low)[:, None] * share
     return levels
 
 
 def _integrated(problem: Problem, guess: Solution, t: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Return the states (nx, n) at times t (n,) under controls u (nu, n), by the midpoint rule, kept within bounds."""
+    """Return the states (nx, n) at times t (n,) under controls u (nu, n), by the midpoint rule,
+    kept within bounds.
+    """
     p = [guess.parameters.get(name, 0.0) for name in problem.parameter_names]
     rate = casadi.Function("rate", [problem.x, problem.u, time, problem.p], [problem.rate])
     far = _FAR * scales(problem, guess)

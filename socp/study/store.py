@@ -1,4 +1,6 @@
-"""Finished starts of a census, kept on disk: what they came to, as data, for one formula of a problem."""
+"""Finished starts of a census, kept on disk: what they came to, as data, for one formula of a
+problem.
+"""
 
 import hashlib
 import json
@@ -20,7 +22,8 @@ _SCHEMA = 2  # version of the files
 class Kept:
     """A directory of finished starts, one JSON file each.
 
-    Files of another problem or recipe count for nothing, nor do files that are not as they were written.
+    Files of another problem or recipe count for nothing, nor do files that are not as they were
+    written.
     """
 
     folder: Path
@@ -36,9 +39,19 @@ class Kept:
                 if whole and document["schema"] == _SCHEMA and document["key"] == self.key:
                     result = document["result"]
                     solution = None if result is None else Solution.from_json(json.dumps(result))
-                    outcome = Outcome(int(document["start"]), document["about"], solution, document["error"])
+                    outcome = Outcome(
+                        int(document["start"]), document["about"], solution, document["error"]
+                    )
                     found[outcome.number] = outcome
-            except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, SolveError):
+            except (
+                OSError,
+                ValueError,
+                KeyError,
+                TypeError,
+                AttributeError,
+                RecursionError,
+                SolveError,
+            ):
                 continue
         return found
 
@@ -46,29 +59,45 @@ class Kept:
         """Keep an outcome; SolveError names the file that cannot be written."""
         path = self.folder / f"start-{outcome.number:04d}.json"
         result = None if outcome.solution is None else json.loads(outcome.solution.to_json())
-        document = {"schema": _SCHEMA, "key": self.key, "start": outcome.number, "about": outcome.about}
+        document = {
+            "schema": _SCHEMA,
+            "key": self.key,
+            "start": outcome.number,
+            "about": outcome.about,
+        }
         document |= {"error": outcome.error, "result": result}
         try:
             self.folder.mkdir(exist_ok=True)
         except OSError as error:
             raise SolveError(f"{self.folder}: cannot be made: {error.strerror or error}") from error
-        write_atomic(path, json.dumps({**document, "checksum": _checksum(document)}, allow_nan=False))
+        write_atomic(
+            path, json.dumps({**document, "checksum": _checksum(document)}, allow_nan=False)
+        )
 
 
 def _checksum(document: dict[str, Any]) -> str:
-    """Return a hash of all that a file says: what was altered on the disk, or by hand, is not believed."""
+    """Return a hash of all that a file says: what was altered on the disk, or by hand, is not
+    believed.
+    """
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 
 def fingerprint(problem: Problem, recipe: str) -> str:
-    """Return a hash of a problem, of its guess, and of the recipe of starts and a version of socp that it holds.
+    """Return a hash of a problem, of its guess, and of the recipe of starts and a version of socp
+    that it holds.
 
-    A problem that cannot be written as data is known again by nothing: its starts are never taken up again.
+    A problem that cannot be written as data is known again by nothing: its starts are never taken
+    up again.
     """
     try:
         key = problem.fingerprint
     except ProblemError:
         key = secrets.token_hex()
     guess = default_guess(problem)
-    values = [guess.t.tolist(), guess.rows("x").tolist(), guess.rows("u").tolist(), dict(guess.parameters)]
+    values = [
+        guess.t.tolist(),
+        guess.rows("x").tolist(),
+        guess.rows("u").tolist(),
+        dict(guess.parameters),
+    ]
     return hashlib.sha256(repr((recipe, key, values)).encode()).hexdigest()

@@ -1,4 +1,6 @@
-"""Jobs over worker processes: a worker that dies costs its job alone, and whoever waits can stop them all."""
+"""Jobs over worker processes: a worker that dies costs its job alone, and whoever waits can stop
+them all.
+"""
 
 import multiprocessing
 import os
@@ -19,12 +21,15 @@ _MASKS = hasattr(signal, "pthread_sigmask")
 _HERE: list[Any] = []  # in a worker: the event that asks it to stop
 
 
-def worked(task: Callable[[int], T], numbers: Sequence[int], jobs: int) -> Iterator[tuple[int, T | None]]:
-    """Yield every number with what the task makes of it in a process of its own, as it comes; None: its worker died.
+def worked(
+    task: Callable[[int], T], numbers: Sequence[int], jobs: int
+) -> Iterator[tuple[int, T | None]]:
+    """Yield every number with what the task makes of it in a process of its own, as it comes; None:
+    its worker died.
 
-    Where a worker dies, all that were under way are tried again, each alone; the one whose worker dies again is to
-    blame. The task is pickled. Closing the iterator, or Ctrl-C, ends the workers: what they are at is lost, what they
-    have finished is yielded before.
+    Where a worker dies, all that were under way are tried again, each alone; the one whose worker
+    dies again is to blame. The task is pickled. Closing the iterator, or Ctrl-C, ends the workers:
+    what they are at is lost, what they have finished is yielded before.
     """
     waiting = deque(numbers)
     while waiting:
@@ -42,7 +47,9 @@ def asked(_progress: Progress, /) -> bool:
 def _pooled(
     task: Callable[[int], T], waiting: deque[int], jobs: int
 ) -> Generator[tuple[int, T | None], None, list[int]]:
-    """Work a queue off with one pool of processes; returns the numbers that were under way when a worker died."""
+    """Work a queue off with one pool of processes; returns the numbers that were under way when a
+    worker died.
+    """
     context = multiprocessing.get_context("spawn")
     before = set(multiprocessing.active_children())
     running = dict[Future[T], int]()
@@ -51,17 +58,23 @@ def _pooled(
         pool = ProcessPoolExecutor(min(jobs, len(waiting)), context, _begin, (stop, os.getpid()))
     try:
         while waiting or running:
-            while waiting and len(running) < jobs:  # no more than are worked on: the others are not under suspicion
+            while (
+                waiting and len(running) < jobs
+            ):  # no more than are worked on: the others are not under suspicion
                 with _sheltered():
                     running[pool.submit(task, waiting[0])] = waiting[0]
                 waiting.popleft()
             try:
                 done, _ = wait(running, return_when=FIRST_COMPLETED)
             except KeyboardInterrupt:
-                for future in [each for each in running if each.done() and each.exception() is None]:
+                for future in [
+                    each for each in running if each.done() and each.exception() is None
+                ]:
                     yield running.pop(future), future.result()
                 raise
-            for future in [each for each in done if not isinstance(each.exception(), BrokenProcessPool)]:
+            for future in [
+                each for each in done if not isinstance(each.exception(), BrokenProcessPool)
+            ]:
                 yield running.pop(future), future.result()
             if any(isinstance(each.exception(), BrokenProcessPool) for each in done):
                 break
@@ -78,7 +91,9 @@ def _pooled(
 
 @contextmanager
 def _sheltered() -> Iterator[None]:
-    """Start processes that Ctrl-C does not reach, not even at their start, and that import nothing from this folder."""
+    """Start processes that Ctrl-C does not reach, not even at their start, and that import nothing
+    from this folder.
+    """
     safe = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if _MASKS else set()

@@ -1,4 +1,6 @@
-"""The one transcription: a phased problem on a mesh becomes a nonlinear programme, and its points solutions."""
+"""The one transcription: a phased problem on a mesh becomes a nonlinear programme, and its points
+solutions.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,14 +24,17 @@ __all__ = ["Mesh", "Table", "collocate", "table", "uniform"]
 def collocate(phased: PhasedProblem, meshes: Sequence[Mesh]) -> Reduced[NLP, Solution, NLPPoint]:
     """Transcribe a phased problem on one mesh a phase.
 
-    Variables: initial time, phase lengths, parameters, states at all nodes (shared between neighbours), free controls
-    at the collocated nodes, carried quantities, binaries a phase.
-    `lift` gives costates by the covector map: -(B' multipliers) / weights at collocated nodes
-    within an interval, and where intervals meet the sensitivity of the Lagrangian, which has the order of the scheme
-    (on the side of the jump that is collocated). Raises MethodError where the meshes do not fit the phases.
+    Variables: initial time, phase lengths, parameters, states at all nodes (shared between
+    neighbours), free controls at the collocated nodes, carried quantities, binaries a phase. `lift`
+    gives costates by the covector map: -(B' multipliers) / weights at collocated nodes within an
+    interval, and where intervals meet the sensitivity of the Lagrangian, which has the order of the
+    scheme (on the side of the jump that is collocated). Raises MethodError where the meshes do not
+    fit the phases.
     """
     if len(meshes) != len(phased.phases):
-        raise MethodError(f"{len(meshes)} meshes for {len(phased.phases)} phases; give one mesh a phase")
+        raise MethodError(
+            f"{len(meshes)} meshes for {len(phased.phases)} phases; give one mesh a phase"
+        )
     grid = _grid(phased, [table(mesh) for mesh in meshes])
     rows = _Rows([], [], [])
     cost, defects = _dynamics(grid, rows)
@@ -41,10 +46,18 @@ def collocate(phased: PhasedProblem, meshes: Sequence[Mesh]) -> Reduced[NLP, Sol
     parts = [casadi.vec(each) for each in (grid.X, *grid.V, *grid.Y)]
     v = casadi.vertcat(grid.starts[0], grid.lengths, grid.p, *parts, z)
     nlp = NLP(
-        v=v, f=cost + mayer, g=casadi.vertcat(casadi.SX(0, 1), *rows.blocks), v_box=_box(layout),
-        g_box=np.hstack([np.zeros((2, 0)), *([low, high] for low, high in zip(rows.low, rows.high, strict=True))]),
+        v=v,
+        f=cost + mayer,
+        g=casadi.vertcat(casadi.SX(0, 1), *rows.blocks),
+        v_box=_box(layout),
+        g_box=np.hstack(
+            [
+                np.zeros((2, 0)),
+                *([low, high] for low, high in zip(rows.low, rows.high, strict=True)),
+            ]
+        ),
         binary=np.arange(v.numel()) >= v.numel() - z.numel(),
-    )  # fmt: skip
+    )
     return Reduced(nlp, partial(push, layout), partial(lift, layout))
 
 
@@ -53,9 +66,9 @@ def collocate(phased: PhasedProblem, meshes: Sequence[Mesh]) -> Reduced[NLP, Sol
 class _Grid:
     """The symbols of a transcription.
 
-    first: first node of every phase and the last node; lengths (phases, 1); p (np, 1); X (nx, nodes); V: free controls
-    (nv, collocated) a phase; Y: carried quantities (ny, its nodes) a phase; starts: times at which the phases begin,
-    and the final time.
+    first: first node of every phase and the last node; lengths (phases, 1); p (np, 1); X (nx,
+    nodes); V: free controls (nv, collocated) a phase; Y: carried quantities (ny, its nodes) a
+    phase; starts: times at which the phases begin, and the final time.
     """
 
     phased: PhasedProblem
@@ -77,13 +90,22 @@ def _grid(phased: PhasedProblem, tables: list[Table]) -> _Grid:
     first = list(accumulate((t.tau.size - 1 for t in tables), initial=0))
     lengths, t0 = casadi.SX.sym("h", len(tables)), casadi.SX.sym("t0")
     return _Grid(
-        phased=phased, tables=tables, first=first, lengths=lengths,
+        phased=phased,
+        tables=tables,
+        first=first,
+        lengths=lengths,
         p=casadi.SX.sym("p", phased.of.p.numel()),
         X=casadi.SX.sym("X", phased.of.x.numel(), first[-1] + 1),
-        V=[casadi.SX.sym("V", f.free.numel(), t.collocated.size) for f, t in zip(phased.phases, tables, strict=True)],
-        Y=[casadi.SX.sym("Y", f.carried.numel(), t.tau.size) for f, t in zip(phased.phases, tables, strict=True)],
+        V=[
+            casadi.SX.sym("V", f.free.numel(), t.collocated.size)
+            for f, t in zip(phased.phases, tables, strict=True)
+        ],
+        Y=[
+            casadi.SX.sym("Y", f.carried.numel(), t.tau.size)
+            for f, t in zip(phased.phases, tables, strict=True)
+        ],
         starts=[t0, *(t0 + casadi.sum1(lengths[: k + 1]) for k in range(len(tables)))],
-    )  # fmt: skip
+    )
 
 
 @final
@@ -105,17 +127,28 @@ class _Rows:
 
 
 def _dynamics(grid: _Grid, rows: _Rows) -> tuple[Expr, list[slice]]:
-    """Add the defects of every phase and the boxes of its laws; returns running cost and the rows of the defects."""
+    """Add the defects of every phase and the boxes of its laws; returns running cost and the rows
+    of the defects.
+    """
     problem, cost, defects, laws = grid.phased.of, casadi.SX(0), [], []
     for k, (t, phase) in enumerate(zip(grid.tables, grid.phased.phases, strict=True)):
         given = [problem.x, phase.free, phase.carried, time, problem.p, phase.z]
-        rate, running = (casadi.substitute(e, problem.u, phase.control) for e in (problem.rate, problem.lagrangian))
+        rate, running = (
+            casadi.substitute(e, problem.u, phase.control)
+            for e in (problem.rate, problem.lagrangian)
+        )
         at, length = t.collocated.tolist(), grid.lengths[k]
         X = grid.X[:, grid.first[k] : grid.first[k + 1] + 1]
         along = [X[:, at], grid.V[k], grid.Y[k][:, at], grid.times(k)[:, at], grid.p, phase.z]
-        function = casadi.Function("rate", given, [casadi.vertcat(rate, phase.carried_rate), running])
+        function = casadi.Function(
+            "rate", given, [casadi.vertcat(rate, phase.carried_rate), running]
+        )
         F, L = mapped(function, along)
-        for i in [i for i, mode in enumerate(phase.modes) if phase.boxed and mode.kind in {"singular", "boundary"}]:
+        for i in [
+            i
+            for i, mode in enumerate(phase.modes)
+            if phase.boxed and mode.kind in {"singular", "boundary"}
+        ]:
             if not phase.control[i].is_constant():
                 (values,) = mapped(casadi.Function("law", given, [phase.control[i]]), along)
                 laws.append((values, *problem.box[:, i]))
@@ -123,7 +156,9 @@ def _dynamics(grid: _Grid, rows: _Rows) -> tuple[Expr, list[slice]]:
             laws.append((*mapped(casadi.Function("row", given, [row]), along), low, high))
         cost += length * casadi.dot(L.T, casadi.DM(t.weights[at]))
         left = casadi.mtimes(casadi.vertcat(X, grid.Y[k]), casadi.DM(t.A).T)
-        defects.append(rows.add(left - length * casadi.mtimes(F, casadi.DM(t.B[:, at]).T), 0.0, 0.0))
+        defects.append(
+            rows.add(left - length * casadi.mtimes(F, casadi.DM(t.B[:, at]).T), 0.0, 0.0)
+        )
     for values, low, high in laws:
         rows.add(values, low, high)
     return cost, defects
@@ -139,7 +174,9 @@ def _closed(phased: PhasedProblem, first: list[int], name: str) -> np.ndarray:
 
 
 def _path(grid: _Grid, rows: _Rows) -> dict[str, tuple[np.ndarray, slice]]:
-    """Add the path constraints where no law keeps them; bounds of states are bounds of variables."""
+    """Add the path constraints where no law keeps them; bounds of states are bounds of
+    variables.
+    """
     problem, found = grid.phased.of, {}
     T = casadi.horzcat(*(grid.times(k)[:, :-1] for k in range(len(grid.tables))), grid.starts[-1])
     for constraint in problem.constraints:
@@ -156,11 +193,21 @@ def _conditions(grid: _Grid, rows: _Rows) -> None:
     phased, problem = grid.phased, grid.phased.of
     for k, phase in enumerate(phased.phases):
         if phase.entry:
-            entry = casadi.Function("entry", [problem.x, phase.carried, time, problem.p], [column(phase.entry)])
-            rows.add(entry(grid.X[:, grid.first[k]], grid.Y[k][:, 0], grid.starts[k], grid.p), 0.0, 0.0)
+            entry = casadi.Function(
+                "entry", [problem.x, phase.carried, time, problem.p], [column(phase.entry)]
+            )
+            rows.add(
+                entry(grid.X[:, grid.first[k]], grid.Y[k][:, 0], grid.starts[k], grid.p), 0.0, 0.0
+            )
         for row, low, high in phase.choice.entry if phase.choice else ():
-            entry = casadi.Function("entry", [problem.x, phase.carried, time, problem.p, phase.z], [row])
-            rows.add(entry(grid.X[:, grid.first[k]], grid.Y[k][:, 0], grid.starts[k], grid.p, phase.z), low, high)
+            entry = casadi.Function(
+                "entry", [problem.x, phase.carried, time, problem.p, phase.z], [row]
+            )
+            rows.add(
+                entry(grid.X[:, grid.first[k]], grid.Y[k][:, 0], grid.starts[k], grid.p, phase.z),
+                low,
+                high,
+            )
     for row, low, high in phased.rules:
         rows.add(row, low, high)
     for condition in problem.conditions:
@@ -180,13 +227,26 @@ def _end_values(grid: _Grid) -> Expr:
 
 def _layout(grid: _Grid, defects: list[slice], path: dict[str, tuple[np.ndarray, slice]]) -> Layout:
     sizes = [1, len(grid.tables), grid.p.numel(), grid.X.numel()]
-    sizes += [each.numel() for each in (*grid.V, *grid.Y, *(phase.z for phase in grid.phased.phases))]
-    _, lengths, parameters, states, *rest = (slice(a, b) for a, b in pairwise(accumulate(sizes, initial=0)))
+    sizes += [
+        each.numel() for each in (*grid.V, *grid.Y, *(phase.z for phase in grid.phased.phases))
+    ]
+    _, lengths, parameters, states, *rest = (
+        slice(a, b) for a, b in pairwise(accumulate(sizes, initial=0))
+    )
     free, carried, binaries = (rest[k * len(grid.V) : (k + 1) * len(grid.V)] for k in range(3))
     return Layout(
-        phased=grid.phased, tables=grid.tables, first=grid.first, lengths=lengths, parameters=parameters, states=states,
-        free=free, carried=carried, binaries=binaries, defects=defects, path=path,
-    )  # fmt: skip
+        phased=grid.phased,
+        tables=grid.tables,
+        first=grid.first,
+        lengths=lengths,
+        parameters=parameters,
+        states=states,
+        free=free,
+        carried=carried,
+        binaries=binaries,
+        defects=defects,
+        path=path,
+    )
 
 
 def _box(layout: Layout) -> np.ndarray:
@@ -197,11 +257,29 @@ def _box(layout: Layout) -> np.ndarray:
         low[i, _closed(phased, first, f"{name}.lower")] = -np.inf
         high[i, _closed(phased, first, f"{name}.upper")] = np.inf
     for node, ends in ((0, problem.start_box), (-1, problem.end_box)):
-        low[:, node], high[:, node] = np.maximum(low[:, node], ends[0]), np.minimum(high[:, node], ends[1])
+        low[:, node], high[:, node] = (
+            np.maximum(low[:, node], ends[0]),
+            np.minimum(high[:, node], ends[1]),
+        )
     lengths = np.array([phase.length for phase in layout.phased.phases]).T
     times = np.array(problem.initial_time_box)[:, None]
-    free = [np.tile(phase.box, t.collocated.size) for phase, t in zip(phased.phases, layout.tables, strict=True)]
+    free = [
+        np.tile(phase.box, t.collocated.size)
+        for phase, t in zip(phased.phases, layout.tables, strict=True)
+    ]
     carried = sum(each.stop - each.start for each in layout.carried)
     unbounded = np.repeat([[-np.inf], [np.inf]], carried, axis=1)
-    unit = np.repeat([[0.0], [1.0]], sum(each.stop - each.start for each in layout.binaries), axis=1)
-    return np.hstack([times, lengths, problem.parameter_box, [low.T.ravel(), high.T.ravel()], *free, unbounded, unit])
+    unit = np.repeat(
+        [[0.0], [1.0]], sum(each.stop - each.start for each in layout.binaries), axis=1
+    )
+    return np.hstack(
+        [
+            times,
+            lengths,
+            problem.parameter_box,
+            [low.T.ravel(), high.T.ravel()],
+            *free,
+            unbounded,
+            unit,
+        ]
+    )

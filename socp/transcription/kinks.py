@@ -1,4 +1,6 @@
-"""Kinks: where |x|, sign, min, max or a case distinction of the dynamics switches, an arc gets a joint of its own."""
+"""Kinks: where |x|, sign, min, max or a case distinction of the dynamics switches, an arc gets a
+joint of its own.
+"""
 
 from dataclasses import replace
 from itertools import accumulate, pairwise
@@ -14,25 +16,36 @@ from socp.transcription.schemes import lgr
 
 _BINARY = {casadi.OP_FMIN, casadi.OP_FMAX, casadi.OP_LT, casadi.OP_LE}
 _UNARY = {casadi.OP_FABS, casadi.OP_SIGN}
-_LOOKS = 8  # points looked at between two nodes of a mesh: a crossing and back within one of them does not count
+# Points looked at between two nodes of a mesh: a crossing and back within one of them does not
+# count
+_LOOKS = 8
 _SLIVER = 1e-3  # of a piece: a shorter interval beside a joint is not worth its nodes
 _POINT = 1e-9  # of the horizon: a shorter arc is a point
-_DRAWS = 6  # random points at which expressions are compared: in more dimensions chance makes none parallel
-_ALIKE = 1e-14  # by which two rows of values, of length 1, differ where they are parallel up to rounding
+# Random points at which expressions are compared: in more dimensions chance makes none parallel
+_DRAWS = 6
+_ALIKE = (
+    1e-14  # by which two rows of values, of length 1, differ where they are parallel up to rounding
+)
 _CROWD = 8  # joints in one arc at most: what crosses more often is no kink but noise
 
 
 def kinks(expression: Expr, given: Expr) -> Expr:
-    """Return the expressions (k, 1) of symbols `given` at whose zeros an expression (m, n) is not smooth.
+    """Return the expressions (k, 1) of symbols `given` at whose zeros an expression (m, n) is not
+    smooth.
 
-    |a| and sign a give a; min(a, b), max(a, b) and comparisons of a and b give a - b. Constants are left out, and so is
-    what is a multiple of another, such as -a beside a: it vanishes where that does.
+    |a| and sign a give a; min(a, b), max(a, b) and comparisons of a and b give a - b. Constants are
+    left out, and so is what is a multiple of another, such as -a beside a: it vanishes where that
+    does.
     """
     function = casadi.Function("kinks", [given], [casadi.densify(expression)])
     work: dict[int, Expr] = {}
     found: list[Expr] = []
     for k in range(function.n_instructions()):
-        operation, into, out = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+        operation, into, out = (
+            function.instruction_id(k),
+            function.instruction_input(k),
+            function.instruction_output(k),
+        )
         if operation == casadi.OP_OUTPUT:
             continue
         if operation == casadi.OP_CONST:
@@ -47,20 +60,31 @@ def kinks(expression: Expr, given: Expr) -> Expr:
             work[out[0]] = build(operation, *arguments)
     distinct: list[Expr] = []
     for each in found:
-        if not each.is_constant() and not any(casadi.is_equal(each, other, 50) for other in distinct):
+        if not each.is_constant() and not any(
+            casadi.is_equal(each, other, 50) for other in distinct
+        ):
             distinct.append(each)
     return column(_apart(distinct, given))
 
 
 def _apart(expressions: list[Expr], given: Expr) -> list[Expr]:
-    """Return expressions without those that are multiples of one before them, as their values at random points tell."""
+    """Return expressions without those that are multiples of one before them, as their values at
+    random points tell.
+    """
     at = np.random.default_rng(0).uniform(0.5, 1.5, (given.numel(), _DRAWS))
-    rows = casadi.Function("rows", [given], [casadi.densify(column(expressions))]).map(_DRAWS)(at).full()
+    rows = (
+        casadi.Function("rows", [given], [casadi.densify(column(expressions))])
+        .map(_DRAWS)(at)
+        .full()
+    )
     size = np.linalg.norm(rows, axis=1, keepdims=True)
     unit = rows / np.where(size > 0, size, 1.0)
     kept: list[int] = []
     for k in range(len(expressions)):  # where values are not finite nothing is alike
-        if not any(min(np.abs(unit[k] - unit[j]).max(), np.abs(unit[k] + unit[j]).max()) <= _ALIKE for j in kept):
+        if not any(
+            min(np.abs(unit[k] - unit[j]).max(), np.abs(unit[k] + unit[j]).max()) <= _ALIKE
+            for j in kept
+        ):
             kept.append(k)
     return [expressions[k] for k in kept]
 
@@ -68,11 +92,12 @@ def _apart(expressions: list[Expr], given: Expr) -> list[Expr]:
 def jointed(
     phased: PhasedProblem, solution: Solution, points: int
 ) -> tuple[PhasedProblem, Solution, list[Mesh], list[int]] | None:
-    """Return a phased problem with arcs cut where the dynamics have a kink; None where there is none.
+    """Return a phased problem with arcs cut where the dynamics have a kink; None where there is
+    none.
 
-    With it come its solution so far, meshes of Radau `points` an interval, and the number of pieces of every arc. The
-    kink vanishes at the joint, which so finds its place along with the switching times. Arcs with collocated controls
-    or carried costates stay whole.
+    With it come its solution so far, meshes of Radau `points` an interval, and the number of pieces
+    of every arc. The kink vanishes at the joint, which so finds its place along with the switching
+    times. Arcs with collocated controls or carried costates stay whole.
     """
     phases: list[Phase] = []
     arcs: list[Arc] = []
@@ -80,7 +105,10 @@ def jointed(
     pieces: list[int] = []
     for phase, arc in zip(phased.phases, solution.arcs, strict=True):
         cuts = _crossings(phased, phase, arc, solution)
-        phases += [phase, *(replace(phase, entry=(kink,), length=(0.0, np.inf)) for _, kink in cuts)]
+        phases += [
+            phase,
+            *(replace(phase, entry=(kink,), length=(0.0, np.inf)) for _, kink in cuts),
+        ]
         edges = [float(arc.t[0]), *(t for t, _ in cuts), float(arc.t[-1])]
         for a, b in pairwise(edges):
             meshes.append(_between(arc, (a, b), points))
@@ -88,7 +116,12 @@ def jointed(
         pieces.append(len(cuts) + 1)
     if len(arcs) == len(solution.arcs):
         return None
-    return PhasedProblem(phased.of, tuple(phases)), replace(solution, arcs=tuple(arcs)), meshes, pieces
+    return (
+        PhasedProblem(phased.of, tuple(phases)),
+        replace(solution, arcs=tuple(arcs)),
+        meshes,
+        pieces,
+    )
 
 
 def whole(solution: Solution, pieces: list[int]) -> Solution:
@@ -98,9 +131,13 @@ def whole(solution: Solution, pieces: list[int]) -> Solution:
 
 
 def _between(arc: Arc, span: tuple[float, float], points: int) -> Mesh:
-    """Return the intervals of an arc's mesh between two times; slivers are left to their neighbours."""
+    """Return the intervals of an arc's mesh between two times; slivers are left to their
+    neighbours.
+    """
     corners = arc.t[arc.mesh]
-    if np.diff(corners).min() <= 4 * np.spacing(np.abs(corners).max()):  # an arc that has shrunk to a point
+    if np.diff(corners).min() <= 4 * np.spacing(
+        np.abs(corners).max()
+    ):  # an arc that has shrunk to a point
         return uniform(lgr(points), 1)
     apart = _SLIVER * (span[1] - span[0])
     inside = corners[(corners > span[0] + apart) & (corners < span[1] - apart)]
@@ -115,11 +152,17 @@ def _piece(arc: Arc, span: tuple[float, float], mesh: Mesh) -> Arc:
     return Arc(t=t, x=x, u=u, costate=costate, mesh=on.mesh, side=on.side, modes=arc.modes)
 
 
-def _crossings(phased: PhasedProblem, phase: Phase, arc: Arc, solution: Solution) -> list[tuple[float, Expr]]:
+def _crossings(
+    phased: PhasedProblem, phase: Phase, arc: Arc, solution: Solution
+) -> list[tuple[float, Expr]]:
     """Return the times inside an arc at which a kink changes sign, in order, with the kink."""
     problem = phased.of
     length = arc.t[-1] - arc.t[0]
-    if phase.free.numel() or phase.carried.numel() or length <= _POINT * (solution.final_time - solution.initial_time):
+    if (
+        phase.free.numel()
+        or phase.carried.numel()
+        or length <= _POINT * (solution.final_time - solution.initial_time)
+    ):
         return []
     given = casadi.vertcat(problem.x, time, problem.p)
     law = casadi.vertcat(problem.rate, problem.lagrangian)
@@ -133,10 +176,14 @@ def _crossings(phased: PhasedProblem, phase: Phase, arc: Arc, solution: Solution
         points = np.vstack([arc.at(t), t[None, :], np.repeat(p[:, None], t.size, axis=1)])
         return np.array(values.map(t.size)(points).full())
 
-    grid = np.unique(np.concatenate([np.linspace(a, b, _LOOKS + 1) for a, b in pairwise(arc.t[arc.mesh])]))
+    grid = np.unique(
+        np.concatenate([np.linspace(a, b, _LOOKS + 1) for a, b in pairwise(arc.t[arc.mesh])])
+    )
     sampled, crossings = at(grid), []
     for i in range(found.numel()):
-        known = np.flatnonzero(sampled[i])  # a zero that falls on a point is found between its neighbours
+        known = np.flatnonzero(
+            sampled[i]
+        )  # a zero that falls on a point is found between its neighbours
         row, times = sampled[i, known], grid[known]
         for k in np.flatnonzero(row[:-1] * row[1:] < 0.0):
             t = brentq(lambda t, i=i: at(np.array([t]))[i, 0], times[k], times[k + 1])

@@ -1,4 +1,6 @@
-"""The two ways of a transcription: a guess pushed down into its variables, a point lifted up to a solution."""
+"""The two ways of a transcription: a guess pushed down into its variables, a point lifted up to a
+solution.
+"""
 
 from dataclasses import dataclass
 from typing import final
@@ -12,13 +14,16 @@ from socp.solvers import NLPPoint
 from socp.transcription.mesh import Table
 from socp.transcription.phases import Phase, PhasedProblem
 
-_NUDGE = 1e-9  # of a phase: which side of a jump a node is on, well above rounding and below any interval
+# Of a phase: which side of a jump a node is on, well above rounding and below any interval
+_NUDGE = 1e-9
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Layout:
-    """Where everything stands: slices into v and g, nodes at which the phases begin, and the last node."""
+    """Where everything stands: slices into v and g, nodes at which the phases begin, and the last
+    node.
+    """
 
     phased: PhasedProblem
     tables: list[Table]
@@ -38,16 +43,21 @@ class Layout:
 
 
 def mapped(function: casadi.Function, arguments: list[Expr]) -> list[Expr]:
-    """Evaluate a function column by column; arguments of one column are repeated. No columns give none."""
+    """Evaluate a function column by column; arguments of one column are repeated. No columns give
+    none.
+    """
     count = arguments[0].shape[1]
     if not count:  # casadi maps over one column at least
         return [type(arguments[0])(function.size1_out(i), 0) for i in range(function.n_out())]
-    outputs = function.map(count)(*(a if a.shape[1] == count else casadi.repmat(a, 1, count) for a in arguments))
+    outputs = function.map(count)(
+        *(a if a.shape[1] == count else casadi.repmat(a, 1, count) for a in arguments)
+    )
     return list(outputs) if function.n_out() > 1 else [outputs]
 
 
 def push(layout: Layout, guess: Solution) -> NLPPoint:
-    """Sample a guess at the nodes; with as many arcs as there are phases it brings the phases' lengths too.
+    """Sample a guess at the nodes; with as many arcs as there are phases it brings the phases'
+    lengths too.
 
     Raises MethodError where the guess is of other states or controls.
     """
@@ -58,7 +68,9 @@ def push(layout: Layout, guess: Solution) -> NLPPoint:
     ):
         if its != ours:
             wanted, seen = (", ".join(names) or "none" for names in (ours, its))
-            raise MethodError(f"guess: it has {kind} {seen}, but problem '{problem.name}' has {wanted}")
+            raise MethodError(
+                f"guess: it has {kind} {seen}, but problem '{problem.name}' has {wanted}"
+            )
     fitting = len(guess.arcs) == count
     corners = np.linspace(guess.initial_time, guess.final_time, count + 1)
     if fitting:
@@ -66,14 +78,21 @@ def push(layout: Layout, guess: Solution) -> NLPPoint:
     X, V, Y, Z = [], [], [], []
     for k in range(count):
         source = guess.arcs[k] if fitting else guess
-        x, free = _sampled(source, layout.phased.phases[k], layout.tables[k], (corners[k], corners[k + 1] - corners[k]))
+        x, free = _sampled(
+            source,
+            layout.phased.phases[k],
+            layout.tables[k],
+            (corners[k], corners[k + 1] - corners[k]),
+        )
         X.append(x[:, : None if k == count - 1 else -1])
         V.append(free.T.ravel())
         at = corners[k] + (corners[k + 1] - corners[k]) * layout.tables[k].tau
         Y.append(_carried(source, layout.phased.phases[k], at))
         Z.append(_binaries(layout.phased.phases[k], source, corners[k : k + 2]))
     p = [guess.parameters.get(name, 0.0) for name in problem.parameter_names]
-    return NLPPoint(v=np.concatenate([corners[:1], np.diff(corners), p, np.hstack(X).T.ravel(), *V, *Y, *Z]))
+    return NLPPoint(
+        v=np.concatenate([corners[:1], np.diff(corners), p, np.hstack(X).T.ravel(), *V, *Y, *Z])
+    )
 
 
 def _binaries(phase: Phase, source: Arc | Solution, span: np.ndarray) -> np.ndarray:
@@ -86,20 +105,36 @@ def _binaries(phase: Phase, source: Arc | Solution, span: np.ndarray) -> np.ndar
 
 
 def _carried(source: Arc | Solution, phase: Phase, t: np.ndarray) -> np.ndarray:
-    """Return guessed costates (nx * n,) at times t (n,) where a phase carries them, 1 where the guess knows none."""
-    return np.nan_to_num(source.at(t, "costate"), nan=1.0).T.ravel() if phase.carried.numel() else np.empty(0)
+    """Return guessed costates (nx * n,) at times t (n,) where a phase carries them, 1 where the
+    guess knows none.
+    """
+    return (
+        np.nan_to_num(source.at(t, "costate"), nan=1.0).T.ravel()
+        if phase.carried.numel()
+        else np.empty(0)
+    )
 
 
 def _sampled(
     source: Arc | Solution, phase: Phase, t: Table, span: tuple[float, float]
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return states at all nodes and free controls at the collocated ones, one by one where the nodes are the same."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return states at all nodes and free controls at the collocated ones, one by one where the
+    nodes are the same.
+    """
     start, length = span
     chosen = [i for i, mode in enumerate(phase.modes) if mode.kind == "free"]
     at = start + length * t.tau
-    rounding = 4.0 * np.spacing(np.abs(at).max())  # more than the nodes of a very short phase are apart in time
-    alike = isinstance(source, Arc) and source.side == t.side and np.array_equal(source.mesh, t.mesh)
-    if isinstance(source, Arc) and alike and np.abs(source.t - at).max() <= rounding + _NUDGE * length:
+    rounding = 4.0 * np.spacing(
+        np.abs(at).max()
+    )  # more than the nodes of a very short phase are apart in time
+    alike = (
+        isinstance(source, Arc) and source.side == t.side and np.array_equal(source.mesh, t.mesh)
+    )
+    if (
+        isinstance(source, Arc)
+        and alike
+        and np.abs(source.t - at).max() <= rounding + _NUDGE * length
+    ):
         return source.x, source.u[chosen][:, t.collocated]
     inward = {"left": _NUDGE, "right": -_NUDGE, "both": 0.0}[t.side]
     seen = at + inward * length
@@ -107,16 +142,26 @@ def _sampled(
 
 
 def lift(layout: Layout, point: NLPPoint) -> Solution:
-    """Return a point as a solution, with costates by the covector map and densities of the constraints' multipliers."""
+    """Return a point as a solution, with costates by the covector map and densities of the
+    constraints' multipliers.
+    """
     problem = layout.phased.of
     p = point.v[layout.parameters]
     arcs = tuple(_arc(layout, point, k) for k in range(len(layout.tables)))
     return Solution(
-        problem=problem.name, method="", arcs=arcs, objective=point.objective, stop=point.stop, message=point.message,
-        state_names=problem.state_names, control_names=problem.control_names,
+        problem=problem.name,
+        method="",
+        arcs=arcs,
+        objective=point.objective,
+        stop=point.stop,
+        message=point.message,
+        state_names=problem.state_names,
+        control_names=problem.control_names,
         parameters=dict(zip(problem.parameter_names, p.tolist(), strict=True)),
-        iterations=point.iterations, seconds=point.seconds, trace=point.trace,
-    )  # fmt: skip
+        iterations=point.iterations,
+        seconds=point.seconds,
+        trace=point.trace,
+    )
 
 
 def _arc(layout: Layout, point: NLPPoint, k: int) -> Arc:
@@ -131,17 +176,25 @@ def _arc(layout: Layout, point: NLPPoint, k: int) -> Arc:
     z = v[layout.binaries[k]]
     given = [x, free, carried, times[None, :], v[layout.parameters][:, None], z[:, None]]
     symbols = [problem.x, phase.free, phase.carried, time, problem.p, phase.z]
-    (u,) = mapped(casadi.Function("control", symbols, [phase.control]), [casadi.DM(a) for a in given])
+    (u,) = mapped(
+        casadi.Function("control", symbols, [phase.control]), [casadi.DM(a) for a in given]
+    )
     return Arc(
-        t=times, x=x, u=np.array(u.full()), mesh=t.mesh, side=t.side,
+        t=times,
+        x=x,
+        u=np.array(u.full()),
+        mesh=t.mesh,
+        side=t.side,
         costate=carried if phase.carried.numel() else _costate(layout, point, k, given),
         modes=tuple(map(str, phase.choice.read(z) if phase.choice else phase.modes)),
         multipliers=_multipliers(layout, point, k),
-    )  # fmt: skip
+    )
 
 
 def _everywhere(values: np.ndarray, t: Table, times: np.ndarray) -> np.ndarray:
-    """Extend controls (nv, collocated) to all nodes by the polynomial of the interval where one is not collocated."""
+    """Extend controls (nv, collocated) to all nodes by the polynomial of the interval where one is
+    not collocated.
+    """
     out = np.full((values.shape[0], t.tau.size), np.nan)
     out[:, t.collocated] = values
     if t.tau.size > t.collocated.size and values.shape[0]:
@@ -154,15 +207,21 @@ def _everywhere(values: np.ndarray, t: Table, times: np.ndarray) -> np.ndarray:
 
 
 def _slope(problem: Problem, phase: Phase) -> casadi.Function:
-    """Return the gradient of the Hamiltonian along the phase's law, a function of x, v, y, t, p, z and the costate."""
-    rate, running = (casadi.substitute(e, problem.u, phase.control) for e in (problem.rate, problem.lagrangian))
+    """Return the gradient of the Hamiltonian along the phase's law, a function of x, v, y, t, p, z
+    and the costate.
+    """
+    rate, running = (
+        casadi.substitute(e, problem.u, phase.control) for e in (problem.rate, problem.lagrangian)
+    )
     gradient = casadi.gradient(running + casadi.dot(problem.costate, rate), problem.x)
     symbols = [problem.x, phase.free, phase.carried, time, problem.p, phase.z, problem.costate]
     return casadi.Function("slope", symbols, [gradient])
 
 
 def _costate(layout: Layout, point: NLPPoint, k: int, given: list[np.ndarray]) -> np.ndarray:
-    """Return the costate (nx, n) of a phase, nan where the point has no multipliers; `given`: its x, v, y, t, p, z."""
+    """Return the costate (nx, n) of a phase, nan where the point has no multipliers; `given`: its
+    x, v, y, t, p, z.
+    """
     problem, t, nx = layout.phased.of, layout.tables[k], given[0].shape[0]
     costate = np.full((nx, t.tau.size), np.nan)
     if point.lam_g is None:
@@ -171,18 +230,26 @@ def _costate(layout: Layout, point: NLPPoint, k: int, given: list[np.ndarray]) -
     costate[:, t.collocated] = -(t.B.T @ multipliers).T[:, t.collocated] / t.weights[t.collocated]
     length, gradient = point.v[layout.lengths][k], _slope(problem, layout.phased.phases[k])
     begins, ends = (_edge(t, multipliers, (length, gradient, given), last) for last in (0, 1))
-    inner = {"left": begins[:, 1:], "right": ends[:, :-1], "both": (begins[:, 1:] + ends[:, :-1]) / 2.0}[t.side]
+    inner = {
+        "left": begins[:, 1:],
+        "right": ends[:, :-1],
+        "both": (begins[:, 1:] + ends[:, :-1]) / 2.0,
+    }[t.side]
     costate[:, t.mesh] = np.hstack([begins[:, :1], inner, ends[:, -1:]])
     return costate
 
 
 def _edge(
-    t: Table, multipliers: np.ndarray, flow: tuple[float, casadi.Function, list[np.ndarray]], last: int
-) -> np.ndarray:  # fmt: skip
+    t: Table,
+    multipliers: np.ndarray,
+    flow: tuple[float, casadi.Function, list[np.ndarray]],
+    last: int,
+) -> np.ndarray:
     """Return the costates (nx, k) at the first (last = 0) or last (1) nodes of all intervals.
 
-    They are the sensitivity of the rest of the Lagrangian to the state there, which has the order of the scheme; the
-    stages' own costates have that of the stages: 2 for Hermite-Simpson, n for n Radau points.
+    They are the sensitivity of the rest of the Lagrangian to the state there, which has the order
+    of the scheme; the stages' own costates have that of the stages: 2 for Hermite-Simpson, n for n
+    Radau points.
     """
     length, gradient, given = flow
     sensitivity: np.ndarray = (t.at_edges(t.A, last).T @ multipliers).T
@@ -197,7 +264,9 @@ def _edge(
 
 
 def _multipliers(layout: Layout, point: NLPPoint, k: int) -> dict[str, np.ndarray]:
-    """Return the densities of the state constraints' multipliers at a phase's nodes: multiplier / (weight * length)."""
+    """Return the densities of the state constraints' multipliers at a phase's nodes: multiplier /
+    (weight * length).
+    """
     if point.lam_v is None or point.lam_g is None:
         return {}
     lengths = point.v[layout.lengths]
@@ -207,7 +276,9 @@ def _multipliers(layout: Layout, point: NLPPoint, k: int) -> dict[str, np.ndarra
     own, here = lengths[k] * layout.tables[k].weights, layout.nodes(k)
     with np.errstate(divide="ignore", invalid="ignore"):
         return {
-            constraint.name: np.where(own > 0, (_raw(layout, point, constraint.name) / mass)[here], np.nan)
+            constraint.name: np.where(
+                own > 0, (_raw(layout, point, constraint.name) / mass)[here], np.nan
+            )
             for constraint in layout.phased.of.constraints
         }
 
@@ -215,7 +286,8 @@ def _multipliers(layout: Layout, point: NLPPoint, k: int) -> dict[str, np.ndarra
 def _raw(layout: Layout, point: NLPPoint, name: str) -> np.ndarray:
     """Return the multiplier of one state constraint at every node (nodes,).
 
-    A start or end value that is at least as tight as the bound carries the multiplier there: the bound's own is zero.
+    A start or end value that is at least as tight as the bound carries the multiplier there: the
+    bound's own is zero.
     """
     assert point.lam_v is not None and point.lam_g is not None  # noqa: S101, PT018 - the caller has looked
     problem, raw = layout.phased.of, np.zeros(layout.first[-1] + 1)
@@ -224,7 +296,11 @@ def _raw(layout: Layout, point: NLPPoint, name: str) -> np.ndarray:
         raw[at] = point.lam_g[rows]
         return raw
     state, side = name.rsplit(".", 1)
-    i, row, sign = problem.state_names.index(state), int(side == "upper"), 1.0 if side == "upper" else -1.0
+    i, row, sign = (
+        problem.state_names.index(state),
+        int(side == "upper"),
+        1.0 if side == "upper" else -1.0,
+    )
     raw = np.maximum(sign * point.lam_v[layout.states].reshape(-1, problem.x.numel())[:, i], 0.0)
     for node, ends in ((0, problem.start_box), (-1, problem.end_box)):
         if sign * ends[row, i] <= sign * problem.state_box[row, i]:

@@ -26,10 +26,12 @@ def uniform(scheme: Scheme, intervals: int) -> Mesh:
 @final
 @dataclass(frozen=True, eq=False)
 class Table:
-    """The schemes of a mesh put together on [0, 1]: defects A X - length * B F = 0 over all n nodes of a phase.
+    """The schemes of a mesh put together on [0, 1]: defects A X - length * B F = 0 over all n nodes
+    of a phase.
 
-    tau (n,); A and B (m, n) sparse; weights (n,) sum to 1; mesh (k + 1,) node indices of the interval ends; edges
-    (2, k): the weights that every interval by itself gives to its first and its last node.
+    tau (n,); A and B (m, n) sparse; weights (n,) sum to 1; mesh (k + 1,) node indices of the
+    interval ends; edges (2, k): the weights that every interval by itself gives to its first and
+    its last node.
     """
 
     tau: np.ndarray
@@ -46,17 +48,22 @@ class Table:
         return np.flatnonzero(self.weights > 0)
 
     def at_edges(self, matrix: sparse.csr_matrix, last: int) -> sparse.csr_matrix:
-        """Return the part (m, k) of A or B that acts on the first (last = 0) or last (1) node of every interval."""
+        """Return the part (m, k) of A or B that acts on the first (last = 0) or last (1) node of
+        every interval.
+        """
         entries = matrix.tocoo()
         interval = np.searchsorted(self.mesh, entries.row, side="right") - 1
         here = entries.col == self.mesh[interval + last]
-        return _sparse(entries.data * here, entries.row, interval, (matrix.shape[0], self.mesh.size - 1))
+        return _sparse(
+            entries.data * here, entries.row, interval, (matrix.shape[0], self.mesh.size - 1)
+        )
 
 
 def table(mesh: Mesh) -> Table:
     """Join the intervals of a mesh; neighbours share the node between them.
 
-    Raises MethodError for a mesh without intervals, a share that is not positive, or schemes that do not fit together.
+    Raises MethodError for a mesh without intervals, a share that is not positive, or schemes that
+    do not fit together.
     """
     _check(mesh)
     shares = np.array([share for share, _ in mesh], dtype=float) / sum(share for share, _ in mesh)
@@ -82,23 +89,36 @@ def _check(mesh: Mesh) -> None:
         raise MethodError("mesh: a phase needs at least one interval")
     for share, scheme in mesh:
         if not 0.0 < share < np.inf:
-            raise MethodError(f"mesh: an interval has share {share} of its phase where a positive number is needed")
+            raise MethodError(
+                f"mesh: an interval has share {share} of its phase where a positive number is "
+                "needed"
+            )
         if scheme.side != mesh[0][1].side:
-            raise MethodError(f"mesh: {mesh[0][1].name} and {scheme.name} collocate different ends; use one of them")
+            raise MethodError(
+                f"mesh: {mesh[0][1].name} and {scheme.name} collocate different ends; use one of "
+                "them"
+            )
 
 
-def _sparse(data: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) -> sparse.csr_matrix:
+def _sparse(
+    data: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]
+) -> sparse.csr_matrix:
     kept = data != 0
     return sparse.csr_matrix((data[kept], (rows[kept], columns[kept])), shape)
 
 
-_GROWTH = 4  # no more than four times the intervals at once: an estimate from a poor mesh exaggerates
-_BEYOND = 0.01  # of the tolerance, aimed at by what is split: one more mesh costs more than some more intervals
+_GROWTH = (
+    4  # no more than four times the intervals at once: an estimate from a poor mesh exaggerates
+)
+# Of the tolerance, aimed at by what is split: one more mesh costs more than some more intervals
+_BEYOND = 0.01
 _CROWD = 64  # intervals in one arc; what is not smooth by then is no arc
 
 
 def tails(arc: Arc, scale: np.ndarray) -> np.ndarray:
-    """Return the last two Legendre coefficients of every interval's states (k,), relative to scale (nx,)."""
+    """Return the last two Legendre coefficients of every interval's states (k,), relative to scale
+    (nx,).
+    """
     found = []
     for k in range(len(arc.mesh) - 1):
         nodes = arc.nodes(k)
@@ -112,8 +132,12 @@ def tails(arc: Arc, scale: np.ndarray) -> np.ndarray:
     return np.array(found)
 
 
-def refined(arcs: tuple[Arc, ...], scale: np.ndarray, points: int, tolerance: float) -> list[Mesh] | None:
-    """Return meshes that split every interval into as many as the tolerance needs, None where all have converged."""
+def refined(
+    arcs: tuple[Arc, ...], scale: np.ndarray, points: int, tolerance: float
+) -> list[Mesh] | None:
+    """Return meshes that split every interval into as many as the tolerance needs, None where all
+    have converged.
+    """
     meshes: list[Mesh] = []
     grown = False
     for arc in arcs:
@@ -121,7 +145,9 @@ def refined(arcs: tuple[Arc, ...], scale: np.ndarray, points: int, tolerance: fl
         shares = np.full(ends.size - 1, 1.0) if _merged(ends) else np.diff(ends)
         # the error of an interval falls with its length to the power of its degree
         tail = tails(arc, scale)
-        parts = np.ceil(np.clip((tail / (_BEYOND * tolerance)) ** (1.0 / points), 1.0, _GROWTH)).astype(int)
+        parts = np.ceil(
+            np.clip((tail / (_BEYOND * tolerance)) ** (1.0 / points), 1.0, _GROWTH)
+        ).astype(int)
         wanted = np.where(tail > tolerance, parts, 1)
         if shares.size >= _CROWD:
             wanted[:] = 1
@@ -137,5 +163,7 @@ def refined(arcs: tuple[Arc, ...], scale: np.ndarray, points: int, tolerance: fl
 
 
 def _merged(t: np.ndarray) -> bool:
-    """Tell whether an arc has shrunk until rounding merges its times t (n,), or turns their order."""
+    """Tell whether an arc has shrunk until rounding merges its times t (n,), or turns their
+    order.
+    """
     return bool(np.diff(t).min() <= 4 * np.spacing(np.abs(t).max()))

@@ -21,10 +21,11 @@ Row = tuple[Expr, float, float]  # an expression with the bounds that it has to 
 class Choice:
     """The modes that an arc chooses among by binaries, which are constant on it.
 
-    `z` (nz, 1) holds the binaries: one a mode of every control but its last mode, which it is in where none of them is
-    1. `modes[i]` are those of control i, `weights[i]` their shares as expressions of z: 1 for the mode it is in.
-    `along` holds rows in x, free, carried, t, p, z that bind at every collocated node, `entry` those that bind where
-    the arc begins, without the free controls.
+    `z` (nz, 1) holds the binaries: one a mode of every control but its last mode, which it is in
+    where none of them is 1. `modes[i]` are those of control i, `weights[i]` their shares as
+    expressions of z: 1 for the mode it is in. `along` holds rows in x, free, carried, t, p, z that
+    bind at every collocated node, `entry` those that bind where the arc begins, without the free
+    controls.
     """
 
     z: Expr
@@ -34,7 +35,9 @@ class Choice:
     entry: tuple[Row, ...] = ()
 
     def values(self, modes: Sequence[str]) -> np.ndarray:
-        """Return binaries (nz,) for modes as a word spells them; even shares where a mode is not among the choices."""
+        """Return binaries (nz,) for modes as a word spells them; even shares where a mode is not
+        among the choices.
+        """
         found: list[float] = []
         for own, mode in zip(self.modes, modes, strict=True):
             spelled = [str(each) for each in own]
@@ -43,7 +46,9 @@ class Choice:
         return np.array(found)
 
     def read(self, z: np.ndarray) -> tuple[Mode, ...]:
-        """Return the modes that binaries (nz,) choose, those of the largest share where they are fractions."""
+        """Return the modes that binaries (nz,) choose, those of the largest share where they are
+        fractions.
+        """
         found, at = [], 0
         for own in self.modes:
             shares = z[at : at + len(own) - 1]
@@ -57,13 +62,14 @@ class Choice:
 class Phase:
     """One arc as it is transcribed.
 
-    `control` (nu, 1) is an expression of x, t, p, of `free` (nv, 1), the controls that are collocated within `box`
-    (2, nv), and of `carried` (ny, 1), quantities with a `carried_rate` (ny, 1) of their own that are integrated along
-    with the states: the costate, where a law needs it. `entry` holds expressions of x, carried, t, p that vanish where
-    the arc begins; `kept` names the state constraints that the law itself keeps from there on: imposed again on this
-    arc, they would be dependent. `length` bounds the arc's length; `boxed` imposes the box on the values of the law,
-    which a right word keeps by itself. Where there is a `choice`, `control` depends on its binaries too, and `modes`
-    is what the arc is taken for while they are not known.
+    `control` (nu, 1) is an expression of x, t, p, of `free` (nv, 1), the controls that are
+    collocated within `box` (2, nv), and of `carried` (ny, 1), quantities with a `carried_rate` (ny,
+    1) of their own that are integrated along with the states: the costate, where a law needs it.
+    `entry` holds expressions of x, carried, t, p that vanish where the arc begins; `kept` names the
+    state constraints that the law itself keeps from there on: imposed again on this arc, they would
+    be dependent. `length` bounds the arc's length; `boxed` imposes the box on the values of the
+    law, which a right word keeps by itself. Where there is a `choice`, `control` depends on its
+    binaries too, and `modes` is what the arc is taken for while they are not known.
     """
 
     modes: tuple[Mode, ...]
@@ -87,7 +93,9 @@ class Phase:
 @final
 @dataclass(frozen=True, eq=False)
 class PhasedProblem:
-    """A problem with the phases that its horizon is cut into, and rows in the binaries of several of them."""
+    """A problem with the phases that its horizon is cut into, and rows in the binaries of several
+    of them.
+    """
 
     of: Problem
     phases: tuple[Phase, ...]
@@ -95,25 +103,32 @@ class PhasedProblem:
 
 
 def single_phase(problem: Problem, phases: int = 1) -> PhasedProblem:
-    """Return the problem with all controls collocated, in one phase or in a given number of phases of free lengths."""
+    """Return the problem with all controls collocated, in one phase or in a given number of phases
+    of free lengths.
+    """
     free = Word(problem.control_names, ((Mode("free"),) * len(problem.control_names),) * phases)
     return follow(problem, free)
 
 
 def follow(problem: Problem, word: Word) -> PhasedProblem:
-    """Return the problem on the arcs of a word: bounds and laws in place of the controls, free lengths.
+    """Return the problem on the arcs of a word: bounds and laws in place of the controls, free
+    lengths.
 
     Raises MethodError where a law is asked for that the problem does not have.
     """
     phases: list[Phase] = []
     for modes in laws.resolved(problem, word).arcs:
         phases.append(_phase(problem, modes, phases[-1].kept if phases else frozenset()))
-    phases[0] = replace(phases[0], entry=tuple(each for each in phases[0].entry if not _met(problem, each)))
+    phases[0] = replace(
+        phases[0], entry=tuple(each for each in phases[0].entry if not _met(problem, each))
+    )
     return PhasedProblem(problem, tuple(phases))
 
 
 def _met(problem: Problem, entry: Expr) -> bool:
-    """Tell whether what vanishes where the first arc begins does so by the values that the start gives."""
+    """Tell whether what vanishes where the first arc begins does so by the values that the start
+    gives.
+    """
     (low, high), times = problem.start_box, problem.initial_time_box
     fixed = [i for i in range(low.size) if low[i] == high[i]]
     known = [*(problem.x[i] for i in fixed), *([time] if times[0] == times[1] else [])]
@@ -137,6 +152,11 @@ def _phase(problem: Problem, modes: tuple[Mode, ...], kept: frozenset[str]) -> P
     else:
         carried = {}
     return Phase(
-        modes=modes, control=law.control, free=column(problem.u[i] for i in at), box=problem.box[:, at],
-        entry=tuple(entry), kept=law.kept, **carried,
-    )  # fmt: skip
+        modes=modes,
+        control=law.control,
+        free=column(problem.u[i] for i in at),
+        box=problem.box[:, at],
+        entry=tuple(entry),
+        kept=law.kept,
+        **carried,
+    )

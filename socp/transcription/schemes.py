@@ -1,4 +1,6 @@
-"""Collocation schemes as tables: nodes, A, B and weights of the defects A X - (h/2) B F = 0 on [-1, 1]."""
+"""Collocation schemes as tables: nodes, A, B and weights of the defects A X - (h/2) B F = 0 on [-1,
+1].
+"""
 
 from dataclasses import dataclass
 from functools import cache
@@ -17,8 +19,9 @@ Side = Literal["left", "right", "both"]
 class Scheme:
     """A collocation scheme on one interval of length h, mapped to [-1, 1].
 
-    nodes (p,) with nodes[0] = -1 and nodes[-1] = 1; A (m, p) and B (m, p) give the m = p - 1 defects per state;
-    weights (p,) integrate over [-1, 1]; a node of weight zero carries no control. `order` is that of the global error.
+    nodes (p,) with nodes[0] = -1 and nodes[-1] = 1; A (m, p) and B (m, p) give the m = p - 1
+    defects per state; weights (p,) integrate over [-1, 1]; a node of weight zero carries no
+    control. `order` is that of the global error.
     """
 
     name: str
@@ -56,7 +59,9 @@ def trapezoid() -> Scheme:
 
 @cache
 def hermite_simpson() -> Scheme:
-    """Hermite-Simpson, separated form (Betts, Practical Methods, 4.6): Lobatto IIIA with three points."""
+    """Hermite-Simpson, separated form (Betts, Practical Methods, 4.6): Lobatto IIIA with three
+    points.
+    """
     return _scheme(
         "Hermite-Simpson",
         [-1, 0, 1],
@@ -69,16 +74,27 @@ def hermite_simpson() -> Scheme:
 
 @cache
 def lgr(points: int) -> Scheme:
-    """Legendre-Gauss-Radau with -1 collocated and +1 not (Garg et al., Automatica 46, 2010, section 3.3)."""
+    """Legendre-Gauss-Radau with -1 collocated and +1 not (Garg et al., Automatica 46, 2010, section
+    3.3).
+    """
     tau, weights = radau(points)
     nodes = np.append(tau, 1.0)
     B = np.hstack([np.eye(points), np.zeros((points, 1))])
-    return Scheme(f"LGR {points}", nodes, differentiation(nodes)[:-1], B, np.append(weights, 0.0), 2 * points - 1)
+    return Scheme(
+        f"LGR {points}",
+        nodes,
+        differentiation(nodes)[:-1],
+        B,
+        np.append(weights, 0.0),
+        2 * points - 1,
+    )
 
 
 @cache
 def radau_iia(points: int) -> Scheme:
-    """Radau IIA: the flipped LGR points, +1 collocated and -1 not (Hairer, Wanner, Solving ODEs II, IV.5)."""
+    """Radau IIA: the flipped LGR points, +1 collocated and -1 not (Hairer, Wanner, Solving ODEs II,
+    IV.5).
+    """
     tau, weights = radau(points)
     nodes = np.append(-1.0, -tau[::-1])
     B = np.hstack([np.zeros((points, 1)), np.eye(points)])
@@ -102,7 +118,9 @@ def radau(points: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def differentiation(nodes: np.ndarray) -> np.ndarray:
-    """Return D (p, p), D_ij = l_j'(nodes_i), by barycentric weights (Berrut, Trefethen, SIAM Review 46, 2004, 9.3)."""
+    """Return D (p, p), D_ij = l_j'(nodes_i), by barycentric weights (Berrut, Trefethen, SIAM Review
+    46, 2004, 9.3).
+    """
     weights = barycentric(nodes)
     gaps = nodes[:, None] - nodes[None, :]
     np.fill_diagonal(gaps, 1.0)
@@ -113,7 +131,9 @@ def differentiation(nodes: np.ndarray) -> np.ndarray:
 
 
 def barycentric(nodes: np.ndarray) -> np.ndarray:
-    """Return the barycentric weights (p,) of nodes (p,), scaled so that 60 nodes neither over- nor underflow."""
+    """Return the barycentric weights (p,) of nodes (p,), scaled so that 60 nodes neither over- nor
+    underflow.
+    """
     gaps = 2.0 * (nodes[:, None] - nodes[None, :]) / max(float(np.ptp(nodes)), 1e-300)
     np.fill_diagonal(gaps, 1.0)
     raw = 1.0 / gaps.prod(axis=1)
@@ -133,5 +153,8 @@ def _legendre(degree: int, tau: np.ndarray) -> np.ndarray:
 def _radau_polynomial(points: int, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return P_{n-1} + P_n and its derivative at tau inside (-1, 1)."""
     P = _legendre(points, tau)
-    derivative = [n * (P[n - 1] - tau * P[n]) / (1.0 - tau**2) if n else 0.0 * tau for n in (points - 1, points)]
+    derivative = [
+        n * (P[n - 1] - tau * P[n]) / (1.0 - tau**2) if n else 0.0 * tau
+        for n in (points - 1, points)
+    ]
     return P[points - 1] + P[points], derivative[0] + derivative[1]

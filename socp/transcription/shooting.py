@@ -1,6 +1,7 @@
 """Multiple shooting along a word: explicit Runge-Kutta steps of order 8 in place of collocation.
 
-It shares neither nodes nor arithmetic with the collocated programmes, so that agreement with them means something.
+It shares neither nodes nor arithmetic with the collocated programmes, so that agreement with them
+means something.
 """
 
 from dataclasses import dataclass, replace
@@ -11,22 +12,37 @@ import casadi
 import numpy as np
 from scipy.integrate import DOP853
 
-from socp.model import Arc, Expr, Problem, Solution, column, final_time, initial_time, parameters_of, scales, time
+from socp.model import (
+    Arc,
+    Expr,
+    Problem,
+    Solution,
+    column,
+    final_time,
+    initial_time,
+    parameters_of,
+    scales,
+    time,
+)
 from socp.transcription.lifting import mapped
 from socp.transcription.phases import Phase, PhasedProblem
 
-_ACTIVE = 1e-7  # of sizes: an inequality at an end as near as this to its limit is taken for an equation
+_ACTIVE = (
+    1e-7  # of sizes: an inequality at an end as near as this to its limit is taken for an equation
+)
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Shooting:
-    """A phased problem without free controls as equations for Newton, around a solution with an arc a phase.
+    """A phased problem without free controls as equations for Newton, around a solution with an arc
+    a phase.
 
-    The variables w are the initial time, the phases' lengths, the parameters, and for every phase the states (with what
-    it carries) at the ends of the intervals of its arc's mesh; over each of these the motion is integrated in `steps`
-    steps by the formula of order 8 of Dormand and Prince (Hairer, Norsett, Wanner, Solving ODEs I, II.5). Inequalities
-    at the ends that are within `near` of their limits, relative to the sizes of the states, are taken for equations.
+    The variables w are the initial time, the phases' lengths, the parameters, and for every phase
+    the states (with what it carries) at the ends of the intervals of its arc's mesh; over each of
+    these the motion is integrated in `steps` steps by the formula of order 8 of Dormand and Prince
+    (Hairer, Norsett, Wanner, Solving ODEs I, II.5). Inequalities at the ends that are within `near`
+    of their limits, relative to the sizes of the states, are taken for equations.
     """
 
     phased: PhasedProblem
@@ -42,7 +58,10 @@ class Shooting:
     @cached_property
     def start(self) -> np.ndarray:
         """The solution's own values of the variables (n,)."""
-        rows = [np.vstack([a.x, a.costate[: f.carried.numel()]])[:, a.mesh].T.ravel() for f, a in self.pairs]
+        rows = [
+            np.vstack([a.x, a.costate[: f.carried.numel()]])[:, a.mesh].T.ravel()
+            for f, a in self.pairs
+        ]
         lengths = [a.t[-1] - a.t[0] for _, a in self.pairs]
         p = parameters_of(self.phased.of, self.solution)
         return np.concatenate([[self.solution.initial_time], lengths, p, *rows])
@@ -54,12 +73,19 @@ class Shooting:
 
     @cached_property
     def parts(self) -> tuple[Expr, Expr, Expr, list[Expr]]:
-        """Initial time, lengths (phases, 1), parameters (np, 1), and of every phase its values (nz, k + 1)."""
+        """Initial time, lengths (phases, 1), parameters (np, 1), and of every phase its values (nz,
+        k + 1).
+        """
         rows = self.phased.of.x.numel()
         sizes = [(rows + f.carried.numel()) * a.mesh.size for f, a in self.pairs]
         places = np.cumsum([0, 1, len(sizes), self.phased.of.p.numel(), *sizes]).tolist()
         t0, lengths, p, *z = casadi.vertsplit(self.w, places)
-        return t0, lengths, p, [casadi.reshape(e, -1, a.mesh.size) for e, (_, a) in zip(z, self.pairs, strict=True)]
+        return (
+            t0,
+            lengths,
+            p,
+            [casadi.reshape(e, -1, a.mesh.size) for e, (_, a) in zip(z, self.pairs, strict=True)],
+        )
 
     @cached_property
     def flows(self) -> list[casadi.Function]:
@@ -77,41 +103,65 @@ class Shooting:
         cost, blocks, begin = casadi.MX(0), [], t0
         for k, (phase, arc) in enumerate(self.pairs):
             shares = (arc.t[arc.mesh] - arc.t[0]) / (arc.t[-1] - arc.t[0])
-            t, h = begin + lengths[k] * casadi.DM(shares[:-1]).T, lengths[k] * casadi.DM(np.diff(shares)).T
+            t, h = (
+                begin + lengths[k] * casadi.DM(shares[:-1]).T,
+                lengths[k] * casadi.DM(np.diff(shares)).T,
+            )
             end, running = mapped(self.flows[k], [z[k][:, :-1], t, h, p])
             blocks.append(casadi.vec(end - z[k][:, 1:]))
             cost += casadi.sum2(running)
             if k:
                 blocks.append(z[k][:nx, 0] - z[k - 1][:nx, -1])
             if phase.entry:
-                entry = casadi.Function("e", [problem.x, phase.carried, time, problem.p], [column(phase.entry)])
+                entry = casadi.Function(
+                    "e", [problem.x, phase.carried, time, problem.p], [column(phase.entry)]
+                )
                 blocks.append(entry(z[k][:nx, 0], z[k][nx:, 0], begin, p))
             begin = begin + lengths[k]
         ends, at_ends = self._ends(begin)
-        mayer = casadi.Function("m", [problem.x, problem.x0, problem.p, initial_time, final_time], [problem.mayer])
+        mayer = casadi.Function(
+            "m", [problem.x, problem.x0, problem.p, initial_time, final_time], [problem.mayer]
+        )
         equations = casadi.vertcat(*blocks, *ends)
         signs = np.concatenate([np.zeros(equations.numel() - len(at_ends)), at_ends])
         return cost + mayer(z[-1][:nx, -1], z[0][:nx, 0], p, t0, begin), equations, signs
 
     def _ends(self, tf: Expr) -> tuple[list[Expr], list[float]]:
-        """Return what holds at the ends of the horizon, with its signs: fixed values, active limits, conditions."""
+        """Return what holds at the ends of the horizon, with its signs: fixed values, active
+        limits, conditions.
+        """
         problem, solution, (t0, _, p, z) = self.phased.of, self.solution, self.parts
         x0, xf = z[0][: problem.x.numel(), 0], z[-1][: problem.x.numel(), -1]
-        values = solution.arcs[0].x[:, 0], solution.arcs[-1].x[:, -1], parameters_of(problem, solution)
+        values = (
+            solution.arcs[0].x[:, 0],
+            solution.arcs[-1].x[:, -1],
+            parameters_of(problem, solution),
+        )
         times = solution.initial_time, solution.final_time
         scale, horizon = scales(problem, solution), np.array([times[1] - times[0]])
         rows = [
             *_rows(x0, values[0], problem.start_box, self.near * scale),
             *_rows(xf, values[1], problem.end_box, self.near * scale),
-            *_rows(p, values[2], problem.parameter_box, self.near * np.maximum(np.abs(values[2]), 1e-300)),
-            *_rows(t0, np.array(times[:1]), np.array([problem.initial_time_box]).T, self.near * horizon),
-            *_rows(tf, np.array(times[1:]), np.array([problem.final_time_box]).T, self.near * horizon),
+            *_rows(
+                p,
+                values[2],
+                problem.parameter_box,
+                self.near * np.maximum(np.abs(values[2]), 1e-300),
+            ),
+            *_rows(
+                t0, np.array(times[:1]), np.array([problem.initial_time_box]).T, self.near * horizon
+            ),
+            *_rows(
+                tf, np.array(times[1:]), np.array([problem.final_time_box]).T, self.near * horizon
+            ),
         ]
         symbols = [problem.x, problem.x0, problem.p, initial_time, final_time]
         for condition in problem.conditions:
             psi = casadi.Function("psi", symbols, [condition.expression])
             slopes = casadi.jacobian(condition.expression, casadi.vertcat(problem.x, problem.x0))
-            slope = casadi.Function("slope", symbols, [slopes])(values[1], values[0], values[2], *times).full()[0]
+            slope = casadi.Function("slope", symbols, [slopes])(
+                values[1], values[0], values[2], *times
+            ).full()[0]
             near = self.near * (float(np.abs(slope) @ np.tile(scale, 2)) or 1.0)
             if condition.equation or float(psi(values[1], values[0], values[2], *times)) >= -near:
                 rows.append((psi(xf, x0, p, t0, tf), 0.0 if condition.equation else 1.0))
@@ -120,10 +170,13 @@ class Shooting:
     def lifted(self, w: np.ndarray, objective: float) -> Solution:
         """Return the motion of variables w (n,) at the nodes of the solution's meshes."""
         t0, lengths, p, z = self.parts
-        values = [each.full() for each in casadi.Function("parts", [self.w], [t0, lengths, p, *z])(w)]
+        values = [
+            each.full() for each in casadi.Function("parts", [self.w], [t0, lengths, p, *z])(w)
+        ]
         corners = values[0][0, 0] + np.append(0.0, np.cumsum(values[1]))
         arcs = tuple(
-            self._arc(k, (corners[k], corners[k + 1]), values[2][:, 0], values[3 + k]) for k in range(len(self.pairs))
+            self._arc(k, (corners[k], corners[k + 1]), values[2][:, 0], values[3 + k])
+            for k in range(len(self.pairs))
         )
         known = dict(zip(self.phased.of.parameter_names, values[2][:, 0].tolist(), strict=True))
         return replace(self.solution, arcs=arcs, objective=objective, parameters=known)
@@ -133,9 +186,16 @@ class Shooting:
         nx = problem.x.numel()
         t = span[0] + (span[1] - span[0]) * (arc.t - arc.t[0]) / (arc.t[-1] - arc.t[0])
         t[-1] = span[1]
-        interval = np.clip(np.searchsorted(arc.mesh, np.arange(t.size), side="right") - 1, 0, arc.mesh.size - 2)
+        interval = np.clip(
+            np.searchsorted(arc.mesh, np.arange(t.size), side="right") - 1, 0, arc.mesh.size - 2
+        )
         begin = t[arc.mesh[interval]]
-        given = [casadi.DM(z[:, interval]), casadi.DM(begin).T, casadi.DM(t - begin).T, casadi.DM(p)]
+        given = [
+            casadi.DM(z[:, interval]),
+            casadi.DM(begin).T,
+            casadi.DM(t - begin).T,
+            casadi.DM(p),
+        ]
         found = mapped(self.flows[k], given)[0].full()
         found[:, arc.mesh] = z
         symbols = [problem.x, phase.carried, time, problem.p]
@@ -148,23 +208,32 @@ class Shooting:
 
 
 def flow(problem: Problem, phase: Phase, steps: int) -> casadi.Function:
-    """Return the motion along a phase's law as a function (z, t, h, p) -> (z, running cost) after a time h."""
+    """Return the motion along a phase's law as a function (z, t, h, p) -> (z, running cost) after a
+    time h.
+    """
     step = _step(problem, phase)
     sizes = step.size1_in(0) - 2, 1, 1, step.size1_in(2)
     Z, T, H, P = (casadi.MX.sym(name, size) for name, size in zip("zthp", sizes, strict=True))
-    last = step.mapaccum(steps)(casadi.vertcat(Z, 0, T), casadi.repmat(H / steps, 1, steps), casadi.repmat(P, 1, steps))
+    last = step.mapaccum(steps)(
+        casadi.vertcat(Z, 0, T), casadi.repmat(H / steps, 1, steps), casadi.repmat(P, 1, steps)
+    )
     return casadi.Function("flow", [Z, T, H, P], [last[:-2, -1], last[-2, -1]])
 
 
 def ends(phased: PhasedProblem, start: Solution, steps: int) -> list[np.ndarray]:
-    """Return, a phase at a time, states, what is carried and running cost (nz + 1, k) in which its intervals end."""
+    """Return, a phase at a time, states, what is carried and running cost (nz + 1, k) in which its
+    intervals end.
+    """
     p, found = parameters_of(phased.of, start), []
     for phase, arc in zip(phased.phases, start.arcs, strict=True):
         t, count = arc.t[arc.mesh], arc.mesh.size - 1
         y = np.vstack([arc.x, arc.costate[: phase.carried.numel()]])[:, arc.mesh[:-1]]
         y = casadi.DM(np.vstack([y, np.zeros(count), t[:-1]]))
         step = _step(phased.of, phase).map(count)
-        given = casadi.DM(np.diff(t)[None, :] / steps), casadi.DM(np.repeat(p[:, None], count, axis=1))
+        given = (
+            casadi.DM(np.diff(t)[None, :] / steps),
+            casadi.DM(np.repeat(p[:, None], count, axis=1)),
+        )
         for _ in range(steps):
             y = step(y, *given)
         found.append(y.full()[:-1])
@@ -172,10 +241,14 @@ def ends(phased: PhasedProblem, start: Solution, steps: int) -> list[np.ndarray]
 
 
 def _step(problem: Problem, phase: Phase) -> casadi.Function:
-    """Return one step (y, h, p) -> y of the states, what is carried, the running cost and the time; built once."""
+    """Return one step (y, h, p) -> y of the states, what is carried, the running cost and the time;
+    built once.
+    """
     if "_step" in vars(phase):
         return vars(phase)["_step"]
-    rate, running = (casadi.substitute(e, problem.u, phase.control) for e in (problem.rate, problem.lagrangian))
+    rate, running = (
+        casadi.substitute(e, problem.u, phase.control) for e in (problem.rate, problem.lagrangian)
+    )
     given = [casadi.vertcat(problem.x, phase.carried), time, problem.p]
     motion = casadi.Function("f", given, [casadi.vertcat(rate, phase.carried_rate, running, 1.0)])
     y, h = casadi.SX.sym("y", motion.size1_out(0)), casadi.SX.sym("h")
@@ -188,8 +261,12 @@ def _step(problem: Problem, phase: Phase) -> casadi.Function:
     return vars(phase)["_step"]
 
 
-def _rows(expression: Expr, value: np.ndarray, box: np.ndarray, near: np.ndarray) -> list[tuple[Expr, float]]:
-    """Return the entries of an expression that are fixed, or near a limit of their box (2, n), with their signs."""
+def _rows(
+    expression: Expr, value: np.ndarray, box: np.ndarray, near: np.ndarray
+) -> list[tuple[Expr, float]]:
+    """Return the entries of an expression that are fixed, or near a limit of their box (2, n), with
+    their signs.
+    """
     found = []
     for i, (low, high) in enumerate(box.T):
         if low == high:

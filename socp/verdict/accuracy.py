@@ -1,4 +1,6 @@
-"""Accuracy: how far switching times and objective of a solution are from those of the word's own conditions."""
+"""Accuracy: how far switching times and objective of a solution are from those of the word's own
+conditions.
+"""
 
 from dataclasses import dataclass, replace
 from itertools import accumulate
@@ -12,20 +14,34 @@ from socp.transcription import PhasedProblem, Shooting, ends, follow, jointed
 from socp.verdict.newton import Conditions
 from socp.verdict.structure import ACTIVE
 
-_FINE = 1e-13  # of the states: steps are doubled until the motion changes by no more; rounding leaves some hundred ulps
-_STEPS = (2, 4, 8, 16, 32, 64)  # steps an interval; a motion that wants more is stiff, and none of this method's
-AWAY = 1e-4  # of the variables' magnitudes: Newton that goes further than this goes to another solution
-_THRICE = 3.0  # times the step: next to a triple root, where a switching function is flat, Newton goes a third
-_SIGN = 1e-9  # of the largest multiplier: one of an inequality that is less than this below zero is rounding
+# Of the states: steps are doubled until the motion changes by no more; rounding leaves some hundred
+# ulps
+_FINE = 1e-13
+_STEPS = (
+    2,
+    4,
+    8,
+    16,
+    32,
+    64,
+)  # steps an interval; a motion that wants more is stiff, and none of this method's
+# Of the variables' magnitudes: Newton that goes further than this goes to another solution
+AWAY = 1e-4
+# Times the step: next to a triple root, where a switching function is flat, Newton goes a third
+_THRICE = 3.0
+# Of the largest multiplier: one of an inequality that is less than this below zero is rounding
+_SIGN = 1e-9
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Accuracy:
-    """How far a solution is from where its word's conditions hold, by one Newton step of the shooting equations.
+    """How far a solution is from where its word's conditions hold, by one Newton step of the
+    shooting equations.
 
-    `times` (arcs + 1,) are the errors of the initial time, the times between the arcs and the final time, infinite
-    where the conditions leave a time open; `objective` is that of the objective, in its own units.
+    `times` (arcs + 1,) are the errors of the initial time, the times between the arcs and the final
+    time, infinite where the conditions leave a time open; `objective` is that of the objective, in
+    its own units.
     """
 
     times: np.ndarray
@@ -33,9 +49,11 @@ class Accuracy:
 
 
 def accuracy(problem: Problem, solution: Solution, points: int = 10) -> Accuracy | None:
-    """Return how far a solution along a word is from where its conditions hold, or None where no step tells.
+    """Return how far a solution along a word is from where its conditions hold, or None where no
+    step tells.
 
-    The conditions are those of the problem itself: a solution whose end was missed is as far away as that takes it.
+    The conditions are those of the problem itself: a solution whose end was missed is as far away
+    as that takes it.
     """
     known = posed(problem, solution, points)
     steps = None if known is None else steps_of(known[0], known[1])
@@ -51,22 +69,30 @@ def accuracy(problem: Problem, solution: Solution, points: int = 10) -> Accuracy
 
 
 def sharpened(problem: Problem, solution: Solution) -> Verdict | None:
-    """Return the verdict of a judged solution with the errors that one Newton step shows, where it is certified.
+    """Return the verdict of a judged solution with the errors that one Newton step shows, where it
+    is certified.
 
-    Where no step tells, the errors are those of the verdict, with all that better controls would gain.
+    Where no step tells, the errors are those of the verdict, with all that better controls would
+    gain.
     """
     verdict = solution.verdict
     if verdict is None or not verdict.extremal:
         return verdict
     found = accuracy(problem, solution)
-    error = verdict.remaining_error if found is None else max(verdict.objective_error, found.objective)
+    error = (
+        verdict.remaining_error if found is None else max(verdict.objective_error, found.objective)
+    )
     verdict = replace(verdict, objective_error=error, digits=digits_of(error, solution.objective))
     flat, known = dict(verdict.flat), verdict.switch_errors
     if found is not None:
         joints = np.array([solution.initial_time, *solution.junctions, solution.final_time])
-        known = tuple((t, float(found.times[np.argmin(np.abs(joints - t))])) for t in solution.switches)
+        known = tuple(
+            (t, float(found.times[np.argmin(np.abs(joints - t))])) for t in solution.switches
+        )
         verdict = replace(verdict, remaining_error=found.objective)
-    return replace(verdict, switch_errors=tuple((t, max(error, flat.get(t, 0.0))) for t, error in known))
+    return replace(
+        verdict, switch_errors=tuple((t, max(error, flat.get(t, 0.0))) for t, error in known)
+    )
 
 
 def _measured(conditions: Conditions, held: np.ndarray, pieces: list[int]) -> Accuracy | None:
@@ -82,7 +108,8 @@ def _measured(conditions: Conditions, held: np.ndarray, pieces: list[int]) -> Ac
     for row, last in zip(rows, accumulate(pieces, initial=0), strict=True):
         row[: last + 1] = 1.0
     rounding = system.rounding(np.vstack([rows, gradient[None, :]]), held)
-    # along the step the conditions change to second order, and so does the Lagrangian, which is the objective there
+    # along the step the conditions change to second order, and so does the Lagrangian, which is the
+    # objective there
     _, left, there = conditions.values(at + moved, held + change)
     better = there + float((held + change) @ left)
     times = _THRICE * np.abs(rows @ moved) + rounding[:-1]
@@ -91,8 +118,11 @@ def _measured(conditions: Conditions, held: np.ndarray, pieces: list[int]) -> Ac
     return Accuracy(np.where(system.open(rows), np.inf, times), float(apart))
 
 
-def posed(problem: Problem, solution: Solution, points: int) -> tuple[PhasedProblem, Solution, list[int]] | None:
-    """Return the phased problem of a solution's word, cut at kinks, with its solution and the number of pieces an arc.
+def posed(
+    problem: Problem, solution: Solution, points: int
+) -> tuple[PhasedProblem, Solution, list[int]] | None:
+    """Return the phased problem of a solution's word, cut at kinks, with its solution and the
+    number of pieces an arc.
 
     None where there is no word, or an arc has no length.
     """
@@ -101,22 +131,34 @@ def posed(problem: Problem, solution: Solution, points: int) -> tuple[PhasedProb
         phased = follow(problem, Word(problem.control_names, arcs))
     except MethodError:
         return None
-    if any(phase.free.numel() for phase in phased.phases) or min(a.t[-1] - a.t[0] for a in solution.arcs) <= 0:
+    if (
+        any(phase.free.numel() for phase in phased.phases)
+        or min(a.t[-1] - a.t[0] for a in solution.arcs) <= 0
+    ):
         return None
     cut = jointed(phased, solution, points)
     return (phased, solution, [1] * len(phased.phases)) if cut is None else (cut[0], cut[1], cut[3])
 
 
 def steps_of(phased: PhasedProblem, start: Solution) -> int | None:
-    """Return how many steps an interval takes: as many as leave the ends of all intervals alone when doubled."""
+    """Return how many steps an interval takes: as many as leave the ends of all intervals alone
+    when doubled.
+    """
     before: list[np.ndarray] = []
     nx = phased.of.x.numel()
     for count in _STEPS:
         now = ends(phased, start, count)
-        # what is carried along one arc is seen against its size there, states and cost against theirs on all of them
+        # what is carried along one arc is seen against its size there, states and cost against
+        # theirs on all of them
         shared = np.max([np.abs(each).max(axis=1)[[*range(nx), -1]] for each in now], axis=0)
-        sizes = [np.concatenate([shared[:-1], np.abs(each[nx:-1]).max(axis=1), shared[-1:]]) for each in now]
-        if before and all((abs(a - b) <= _FINE * c[:, None]).all() for a, b, c in zip(before, now, sizes, strict=True)):
+        sizes = [
+            np.concatenate([shared[:-1], np.abs(each[nx:-1]).max(axis=1), shared[-1:]])
+            for each in now
+        ]
+        if before and all(
+            (abs(a - b) <= _FINE * c[:, None]).all()
+            for a, b, c in zip(before, now, sizes, strict=True)
+        ):
             return count // 2
         before = now
     return None

@@ -1,4 +1,6 @@
-"""The adjoint equation along a given solution, condensed: costates as affine functions of a few unknown multipliers."""
+"""The adjoint equation along a given solution, condensed: costates as affine functions of a few
+unknown multipliers.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -21,8 +23,8 @@ __all__ = ["POINTS", "Costates", "Samples", "Unknowns", "condense", "sample"]
 class Unknowns:
     """The multipliers that are looked for, as columns of z: what each one is and where.
 
-    ends: rows (nx, columns) of the final costate; mu: (constraint, interval) blocks of d nodes; jumps: (constraint,
-    joint k at edges[k]).
+    ends: rows (nx, columns) of the final costate; mu: (constraint, interval) blocks of d nodes;
+    jumps: (constraint, joint k at edges[k]).
     """
 
     ends: np.ndarray
@@ -47,7 +49,9 @@ class Unknowns:
 @final
 @dataclass(frozen=True, eq=False)
 class Costates:
-    """lambda at the nodes as offset (n, nx) + maps (n, nx, nz) z; mu at the nodes as mu (n, nc, nz) z."""
+    """lambda at the nodes as offset (n, nx) + maps (n, nx, nz) z; mu at the nodes as mu (n, nc, nz)
+    z.
+    """
 
     offset: np.ndarray
     maps: np.ndarray
@@ -60,10 +64,12 @@ class Costates:
 
 
 def condense(samples: Samples, unknowns: Unknowns, end: np.ndarray) -> Costates:
-    """Integrate lambda' = -H_x - mu c_x backwards from lambda(tf) = end (nx,) + unknowns, by Radau collocation.
+    """Integrate lambda' = -H_x - mu c_x backwards from lambda(tf) = end (nx,) + unknowns, by Radau
+    collocation.
 
-    Backwards the adjoint equation is as stable as the state equation forwards, so condensing loses no digits there.
-    At a joint lambda(t-) = lambda(t+) + jump c_x (Hartl, Sethi, Vickson, SIAM Review 37, 1995, theorem 4.1).
+    Backwards the adjoint equation is as stable as the state equation forwards, so condensing loses
+    no digits there. At a joint lambda(t-) = lambda(t+) + jump c_x (Hartl, Sethi, Vickson, SIAM
+    Review 37, 1995, theorem 4.1).
     """
     scheme, v, nx, d = lgr(POINTS), samples.values, samples.x.shape[0], POINTS
     n, nc, nz = samples.t.size, v["cx"].shape[1], unknowns.size
@@ -97,21 +103,27 @@ def condense(samples: Samples, unknowns: Unknowns, end: np.ndarray) -> Costates:
 
 
 def _extrapolation() -> np.ndarray:
-    """Return the weights (d,) that extend a polynomial from the collocated nodes to the end of an interval."""
+    """Return the weights (d,) that extend a polynomial from the collocated nodes to the end of an
+    interval.
+    """
     nodes = lgr(POINTS).nodes
     return np.array(
-        [np.prod((1.0 - np.delete(nodes[:-1], j)) / (nodes[j] - np.delete(nodes[:-1], j))) for j in range(POINTS)]
+        [
+            np.prod((1.0 - np.delete(nodes[:-1], j)) / (nodes[j] - np.delete(nodes[:-1], j)))
+            for j in range(POINTS)
+        ]
     )
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """The Mayer term's slopes at the ends and those of the end conditions: cost (nx,), conditions (k, nx), and so on.
+    """The Mayer term's slopes at the ends and those of the end conditions: cost (nx,), conditions
+    (k, nx), and so on.
 
-    `signs` (k,): 0 for equations, 1 for an inequality whose multiplier must not be negative. Fixed final states and
-    active ends of intervals are conditions too, with unit slopes; sign -1 belongs to a lower end.
-    `values` (k,) are those of the conditions, zero where they are met exactly.
+    `signs` (k,): 0 for equations, 1 for an inequality whose multiplier must not be negative. Fixed
+    final states and active ends of intervals are conditions too, with unit slopes; sign -1 belongs
+    to a lower end. `values` (k,) are those of the conditions, zero where they are met exactly.
     """
 
     slope_final: np.ndarray
@@ -149,24 +161,49 @@ class Ends:
             slope = slopes(condition.expression)
             size = float(np.abs(slope[0]) @ scale + np.abs(slope[1]) @ scale) or 1.0
             if condition.equation or value > -ACTIVE * size:
-                found.append((slope, 0 if condition.equation else 1, f"target '{condition.name}'", value))
+                found.append(
+                    (slope, 0 if condition.equation else 1, f"target '{condition.name}'", value)
+                )
         found += list(_end_values(problem, xf, scale, [each.size for each in cost]))
-        stacked = [np.array([row[0][i] for row in found]).reshape(len(found), cost[i].size) for i in range(5)]
+        stacked = [
+            np.array([row[0][i] for row in found]).reshape(len(found), cost[i].size)
+            for i in range(5)
+        ]
         return Ends(
-            cost[0], cost[1], float(cost[4][0]), float(cost[3][0]), cost[2], stacked[0], stacked[1], stacked[4][:, 0],
-            stacked[3][:, 0], stacked[2], np.array([row[1] for row in found], dtype=int), [row[2] for row in found],
+            cost[0],
+            cost[1],
+            float(cost[4][0]),
+            float(cost[3][0]),
+            cost[2],
+            stacked[0],
+            stacked[1],
+            stacked[4][:, 0],
+            stacked[3][:, 0],
+            stacked[2],
+            np.array([row[1] for row in found], dtype=int),
+            [row[2] for row in found],
             np.array([row[3] for row in found]),
-        )  # fmt: skip
+        )
 
 
 def _end_values(
     problem: Problem, xf: np.ndarray, scale: np.ndarray, sizes: list[int]
 ) -> Iterator[tuple[list[np.ndarray], int, str, float]]:
-    """Yield fixed final states and active ends of final intervals as conditions with unit slopes."""
+    """Yield fixed final states and active ends of final intervals as conditions with unit
+    slopes.
+    """
     low, high = problem.end_box
     for i, name in enumerate(problem.state_names):
         near = ACTIVE * scale[i]
-        sign = 0 if low[i] == high[i] else 1 if xf[i] > high[i] - near else -1 if xf[i] < low[i] + near else None
+        sign = (
+            0
+            if low[i] == high[i]
+            else 1
+            if xf[i] > high[i] - near
+            else -1
+            if xf[i] < low[i] + near
+            else None
+        )
         if sign is not None:
             slope = [np.zeros(size) for size in sizes]
             slope[0][i] = 1.0
@@ -174,7 +211,9 @@ def _end_values(
 
 
 def unknowns_of(problem: Problem, samples: Samples, ends: Ends) -> Unknowns:
-    """Choose the unknowns: end conditions, densities on active intervals, jumps at their ends and at touches."""
+    """Choose the unknowns: end conditions, densities on active intervals, jumps at their ends and
+    at touches.
+    """
     c, width = samples.values["c"], samples.width
     blocks: list[tuple[int, int]] = []
     jumps: list[tuple[int, int]] = []
@@ -196,7 +235,9 @@ def unknowns_of(problem: Problem, samples: Samples, ends: Ends) -> Unknowns:
 @final
 @dataclass(frozen=True, eq=False)
 class Along:
-    """A solution laid out for judging: nodes, unknown multipliers, costates as functions of them, end slopes."""
+    """A solution laid out for judging: nodes, unknown multipliers, costates as functions of them,
+    end slopes.
+    """
 
     problem: Problem
     solution: Solution

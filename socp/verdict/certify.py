@@ -1,9 +1,11 @@
-"""The judge says whether a solution is an extremal of Pontryagin's principle, and how far it is from one.
+"""The judge says whether a solution is an extremal of Pontryagin's principle, and how far it is
+from one.
 
-It takes a problem and a solution, nothing else. Along the given states and controls every condition is affine in the
-multipliers, so the question whether any multipliers satisfy them all is a convex programme. Least squares over the
-equations usually finds them; where the result fails, a linear programme finds the multipliers of least worst
-residual, or proves by that residual that there are none within tolerance.
+It takes a problem and a solution, nothing else. Along the given states and controls every condition
+is affine in the multipliers, so the question whether any multipliers satisfy them all is a convex
+programme. Least squares over the equations usually finds them; where the result fails, a linear
+programme finds the multipliers of least worst residual, or proves by that residual that there are
+none within tolerance.
 """
 
 import time
@@ -29,11 +31,15 @@ __all__ = ["Case", "case", "certify", "multipliers"]
 
 
 def case(problem: Problem, solution: Solution) -> Case:
-    """Lay out a solution for judging: choose the unknowns, condense the adjoint, write down every condition."""
+    """Lay out a solution for judging: choose the unknowns, condense the adjoint, write down every
+    condition.
+    """
     samples = sample(problem, solution)
     ends = Ends.of(problem, solution, samples)
     unknowns = unknowns_of(problem, samples, ends)
-    along = Along(problem, solution, samples, unknowns, condense(samples, unknowns, ends.slope_final), ends)
+    along = Along(
+        problem, solution, samples, unknowns, condense(samples, unknowns, ends.slope_final), ends
+    )
     return Case(along, tuple(conditions(along)))
 
 
@@ -41,9 +47,11 @@ def case(problem: Problem, solution: Solution) -> Case:
 
 
 def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, ...]]:
-    """Judge a solution; returns the verdict and the arcs with the principle's own costates and multipliers.
+    """Judge a solution; returns the verdict and the arcs with the principle's own costates and
+    multipliers.
 
-    `solution` needs its structure and its verification (`socp.verdict.certify.judge` fills both in).
+    `solution` needs its structure and its verification (`socp.verdict.certify.judge` fills both
+    in).
     """
     laid = case(problem, solution)
     along, samples = laid.along, laid.along.samples
@@ -65,7 +73,11 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
     # where all holds, the gain would measure the judge
     gain = slack.sum(axis=0) + (0.0 if certain else _gain(problem, samples, switching))
     error = estimates.objective_error(problem, solution, samples, costate, gain)
-    error += sum(float(np.abs(rows.offset + rows.matrix @ z).max()) * rows.slack for rows in laid.rows if rows.slack)
+    error += sum(
+        float(np.abs(rows.offset + rows.matrix @ z).max()) * rows.slack
+        for rows in laid.rows
+        if rows.slack
+    )
     error += estimates.worth_of_misses(along, z, switching, density)
     unused = estimates.integral(samples, _gain(problem, samples, switching)) if certain else 0.0
     clebsch, unknown = margins.legendre_clebsch(problem, solution, samples, costate)
@@ -99,18 +111,35 @@ def _worst_of(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
 
 
 def _complementary(laid: Case, slack: np.ndarray, z: np.ndarray, size: float) -> Iterator[Finding]:
-    """Yield multipliers of what is not quite active: slack (nc, n) is density times distance, jumps count likewise."""
+    """Yield multipliers of what is not quite active: slack (nc, n) is density times distance, jumps
+    count likewise.
+    """
     along, title = laid.along, "multipliers only where a constraint is met"
     samples = along.samples
     for rows in laid.rows:
         if rows.slack:
-            worth = float(np.abs(rows.offset + rows.matrix @ z).max()) * rows.slack / along.horizon / size
+            worth = (
+                float(np.abs(rows.offset + rows.matrix @ z).max())
+                * rows.slack
+                / along.horizon
+                / size
+            )
             yield Finding(condition=title, residual=worth, where=rows.where[0], t=float(rows.t[0]))
     for j, constraint in enumerate(along.problem.constraints):
         k = int(np.argmax(slack[j]))
-        yield Finding(condition=title, residual=float(slack[j, k]) / size, where=constraint.name, t=float(samples.t[k]))
+        yield Finding(
+            condition=title,
+            residual=float(slack[j, k]) / size,
+            where=constraint.name,
+            t=float(samples.t[k]),
+        )
     for jump, (j, joint) in enumerate(along.unknowns.jumps):
-        off = abs(float(z[along.unknowns.jump_column(jump)] * samples.values["c"][j, joint * samples.width - 1]))
+        off = abs(
+            float(
+                z[along.unknowns.jump_column(jump)]
+                * samples.values["c"][j, joint * samples.width - 1]
+            )
+        )
         where, t = along.problem.constraints[j].name, float(samples.edges[joint])
         yield Finding(condition=title, residual=off / along.horizon / size, where=where, t=t)
 
@@ -118,7 +147,9 @@ def _complementary(laid: Case, slack: np.ndarray, z: np.ndarray, size: float) ->
 def _gain(problem: Problem, samples: Samples, switching: np.ndarray) -> np.ndarray:
     """Return the Hamiltonian (n,) that the best admissible controls would gain at every node."""
     low, high = problem.box
-    gap = np.maximum(switching * (samples.u - low[:, None]), switching * (samples.u - high[:, None]))
+    gap = np.maximum(
+        switching * (samples.u - low[:, None]), switching * (samples.u - high[:, None])
+    )
     return np.array(np.maximum(gap, 0.0).sum(axis=0))
 
 
@@ -127,7 +158,10 @@ def _without_length(solution: Solution) -> tuple[Finding, ...]:
     shortest = SHORTEST * (solution.final_time - solution.initial_time)
     return tuple(
         Finding(
-            condition="arc without length, drop it from the word", residual=1.0, where=f"arc {k}", t=float(arc.t[0])
+            condition="arc without length, drop it from the word",
+            residual=1.0,
+            where=f"arc {k}",
+            t=float(arc.t[0]),
         )
         for k, arc in enumerate(solution.arcs, start=1)
         if arc.t[-1] - arc.t[0] <= shortest
@@ -135,10 +169,11 @@ def _without_length(solution: Solution) -> tuple[Finding, ...]:
 
 
 def _with_multipliers(along: Along, z: np.ndarray) -> tuple[Arc, ...]:
-    """Return the arcs, those that follow laws with the costates and densities of z in place of their programme's.
+    """Return the arcs, those that follow laws with the costates and densities of z in place of
+    their programme's.
 
-    Along a law the nonlinear programme's multipliers are not the principle's: they take the law for part of the
-    dynamics.
+    Along a law the nonlinear programme's multipliers are not the principle's: they take the law for
+    part of the dynamics.
     """
     costate = along.costates.at(z)
     density = np.einsum("ncz,z->cn", along.costates.mu, z)
@@ -149,12 +184,18 @@ def _with_multipliers(along: Along, z: np.ndarray) -> tuple[Arc, ...]:
             arcs.append(arc)
             continue
         own = dict(zip(names, margins.on_arc(along.samples, index, arc, density), strict=True))
-        arcs.append(replace(arc, costate=margins.on_arc(along.samples, index, arc, costate), multipliers=own))
+        arcs.append(
+            replace(
+                arc, costate=margins.on_arc(along.samples, index, arc, costate), multipliers=own
+            )
+        )
     return tuple(arcs)
 
 
 def judge(problem: Problem, solution: Solution) -> Solution:
-    """Return a solution with its structure, its verification, its verdict and its problem, all worked out anew."""
+    """Return a solution with its structure, its verification, its verdict and its problem, all
+    worked out anew.
+    """
     solution = carrying(problem, solution)
     values = [each for arc in solution.arcs for each in (arc.x, arc.u)]
     values.append(np.array(list(solution.parameters.values()), dtype=float))
@@ -162,7 +203,9 @@ def judge(problem: Problem, solution: Solution) -> Solution:
         verdict = Verdict(miss=float("inf"), notes=("the solution is not finite",))
         return replace(solution, verified=(), verdict=verdict)
     began = time.perf_counter()
-    with np.errstate(all="ignore"):  # what overflows is infinite or nan, and no condition holds with either
+    with np.errstate(
+        all="ignore"
+    ):  # what overflows is infinite or nan, and no condition holds with either
         solution = replace(solution, structure=structure_of(problem, solution))
         learn(problem, solution)
         solution = replace(solution, verified=verify(problem, solution))

@@ -1,7 +1,9 @@
-"""What a solution says of itself, held against what it contains: its motion, its objective, the modes of its arcs.
+"""What a solution says of itself, held against what it contains: its motion, its objective, the
+modes of its arcs.
 
-Pontryagin's principle takes the states, the controls and the word as they stand. Whether the states are those of the
-controls, the objective theirs, and every arc what it calls itself, has to be asked first.
+Pontryagin's principle takes the states, the controls and the word as they stand. Whether the states
+are those of the controls, the objective theirs, and every arc what it calls itself, has to be asked
+first.
 """
 
 from collections.abc import Iterator
@@ -17,12 +19,15 @@ from socp.verdict.nodes import POINTS, Samples
 from socp.verdict.structure import ACTIVE
 
 _SCHEME = lgr(POINTS)
-# between the ends of its intervals collocation is of lower order than at them: a digit is granted there
+# between the ends of its intervals collocation is of lower order than at them: a digit is granted
+# there
 _BETWEEN = 0.1
 
 
 def claims(along: Along, density: np.ndarray, size: float) -> Iterator[Finding]:
-    """Yield what a solution claims with the worst deviation, from multipliers' densities (nc, n), magnitude `size`."""
+    """Yield what a solution claims with the worst deviation, from multipliers' densities (nc, n),
+    magnitude `size`.
+    """
     yield _motion(along)
     yield _objective(along)
     yield from _modes(along, density, size)
@@ -35,19 +40,24 @@ def cost(problem: Problem, solution: Solution, samples: Samples) -> tuple[float,
     weights = half[:, None] * _SCHEME.weights[:-1]
     L = samples.values["L"].reshape(samples.intervals, samples.width)[:, :-1]
     p = [solution.parameters[name] for name in problem.parameter_names]
-    function = casadi.Function("mayer", [problem.x, problem.x0, problem.p, initial_time, final_time], [problem.mayer])
+    function = casadi.Function(
+        "mayer", [problem.x, problem.x0, problem.p, initial_time, final_time], [problem.mayer]
+    )
     ends = solution.arcs[-1].x[:, -1], solution.arcs[0].x[:, 0]
     mayer = float(function(*ends, p, solution.initial_time, solution.final_time))
     return float((weights * L).sum()) + mayer, float((weights * np.abs(L)).sum()) + abs(mayer)
 
 
 def _motion(along: Along) -> Finding:
-    """Find how far the states are from those of the controls: over every interval, where arcs meet, at the start."""
+    """Find how far the states are from those of the controls: over every interval, where arcs meet,
+    at the start.
+    """
     samples, scale = along.samples, along.scale
     shape = (-1, samples.intervals, samples.width)
     x, f = samples.x.reshape(shape), samples.values["f"].reshape(shape)[:, :, :-1]
     half = 0.5 * np.diff(samples.edges)
-    # backwards from the end of the interval, as the states of a Radau collocation are given by the slopes
+    # backwards from the end of the interval, as the states of a Radau collocation are given by the
+    # slopes
     slopes = half[None, :, None] * f - _SCHEME.A[:, -1] * x[:, :, -1:]
     moved = np.einsum("jd,ikd->ikj", np.linalg.inv(_SCHEME.A[:, :-1]), slopes)
     missed = moved - x[:, :, :-1]
@@ -56,7 +66,10 @@ def _motion(along: Along) -> Finding:
     whole = np.abs(np.add.reduceat(missed[:, :, 0], first, axis=1)) / scale[:, None]
     off[:, first] = np.maximum(off[:, first], whole)
     inner = slice(samples.width, None, samples.width)
-    leaps = np.abs(samples.x[:, inner] - samples.x[:, samples.width - 1 : -1 : samples.width]) / scale[:, None]
+    leaps = (
+        np.abs(samples.x[:, inner] - samples.x[:, samples.width - 1 : -1 : samples.width])
+        / scale[:, None]
+    )
     off[:, 1:] = np.maximum(off[:, 1:], leaps)
     start = samples.x[:, 0]
     low, high = along.problem.start_box
@@ -64,17 +77,24 @@ def _motion(along: Along) -> Finding:
     i, k = np.unravel_index(int(np.argmax(off)), off.shape)
     where = f"{along.problem.state_names[i]}, arc {samples.arc[k * samples.width] + 1}"
     title = "states are those of the controls"
-    return Finding(condition=title, residual=float(off[i, k]), where=where, t=float(samples.edges[k]))
+    return Finding(
+        condition=title, residual=float(off[i, k]), where=where, t=float(samples.edges[k])
+    )
 
 
 def _objective(along: Along) -> Finding:
     value, size = cost(along.problem, along.solution, along.samples)
     off = abs(along.solution.objective - value) / max(size, 1e-300)
-    return Finding(condition="objective is that of the states and controls", residual=off if off == off else np.inf)  # noqa: PLR0124
+    return Finding(
+        condition="objective is that of the states and controls",
+        residual=np.inf if np.isnan(off) else off,
+    )
 
 
 def _modes(along: Along, density: np.ndarray, size: float) -> Iterator[Finding]:
-    """Yield how far arcs are from the modes they name: at the bound, on the constraint, held by none if singular."""
+    """Yield how far arcs are from the modes they name: at the bound, on the constraint, held by
+    none if singular.
+    """
     problem, samples = along.problem, along.samples
     low, high = problem.box
     for index, arc in enumerate(along.solution.arcs):
@@ -93,7 +113,12 @@ def _modes(along: Along, density: np.ndarray, size: float) -> Iterator[Finding]:
                 off = 1.0 if _held(along, arc.modes, i, active, density[:, inside], size) else 0.0
             if mode != "*":
                 title = "control keeps the mode of its arc"
-                yield Finding(condition=title, residual=off, where=f"{name}, arc {index + 1} ({mode})", t=arc.t[0])
+                yield Finding(
+                    condition=title,
+                    residual=off,
+                    where=f"{name}, arc {index + 1} ({mode})",
+                    t=arc.t[0],
+                )
 
 
 def _active(samples: Samples, inside: np.ndarray) -> np.ndarray:
@@ -104,19 +129,37 @@ def _active(samples: Samples, inside: np.ndarray) -> np.ndarray:
 
 
 def _followed(problem: Problem, i: int, mode: str, active: np.ndarray) -> bool:
-    """Tell whether a control's boundary arc lies on a constraint that the control acts on, the named one if any."""
+    """Tell whether a control's boundary arc lies on a constraint that the control acts on, the
+    named one if any.
+    """
     acting = {constraint.name for constraint in laws.acting(problem, i)}
-    names = [c.name for c, on in zip(problem.constraints, active, strict=True) if on and c.name in acting]
+    names = [
+        c.name for c, on in zip(problem.constraints, active, strict=True) if on and c.name in acting
+    ]
     return any(mode in {"b", f"b[{name}]"} for name in names)
 
 
-def _held(along: Along, modes: tuple[str, ...], i: int, active: np.ndarray, density: np.ndarray, size: float) -> bool:
-    """Tell whether a constraint pushes a control that calls itself singular, while no control follows it."""
+def _held(
+    along: Along,
+    modes: tuple[str, ...],
+    i: int,
+    active: np.ndarray,
+    density: np.ndarray,
+    size: float,
+) -> bool:
+    """Tell whether a constraint pushes a control that calls itself singular, while no control
+    follows it.
+    """
     acting = {constraint.name for constraint in laws.acting(along.problem, i)}
     for j, constraint in enumerate(along.problem.constraints):
         slope = float(np.max(np.abs(along.samples.values["cx"][:, j]) @ along.scale))
         pushes = float(np.abs(density[j]).max()) * slope * along.horizon > ACTIVE * size
-        if active[j] and constraint.name in acting and pushes and not {"b", f"b[{constraint.name}]"} & set(modes):
+        if (
+            active[j]
+            and constraint.name in acting
+            and pushes
+            and not {"b", f"b[{constraint.name}]"} & set(modes)
+        ):
             return True
     return False
 

@@ -1,4 +1,5 @@
-"""The conditions of Pontryagin's principle along a solution, every one affine in the unknown multipliers.
+"""The conditions of Pontryagin's principle along a solution, every one affine in the unknown
+multipliers.
 
 Conventions (docs/conventions.md): H = L + lambda . f is minimised, lambda' = -H_x - mu c_x, and
 lambda(tf) = d(Mayer + nu psi)/dx(tf).
@@ -18,17 +19,20 @@ from socp.verdict.structure import ACTIVE, AT_BOUND
 
 _WEIGHTS = lgr(POINTS).weights
 SWITCHING = "switching function"  # begins the names of the rows about one
-SCALE = "Hamiltonian at the"  # begins the names of the rows that tie the multipliers to the cost of a free time
+# Begins the names of the rows that tie the multipliers to the cost of a free time
+SCALE = "Hamiltonian at the"
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Conditions of one kind in units of the Hamiltonian: offset (m,) + matrix (m, nz) z is zero, or at most zero.
+    """Conditions of one kind in units of the Hamiltonian: offset (m,) + matrix (m, nz) z is zero,
+    or at most zero.
 
-    `decisive` rows enter the least squares; the others (signs) are looked at afterwards. Rows that are not
-    `pointwise` hold at every node of whole intervals. `slack` is how far from being met is what counts as active, in
-    units of time: the value of the row times it is what that is worth in the objective.
+    `decisive` rows enter the least squares; the others (signs) are looked at afterwards. Rows that
+    are not `pointwise` hold at every node of whole intervals. `slack` is how far from being met is
+    what counts as active, in units of time: the value of the row times it is what that is worth in
+    the objective.
     """
 
     name: str
@@ -47,7 +51,9 @@ class Rows:
         return np.array(np.abs(value) if self.equation else np.maximum(value, 0.0))
 
     def wants(self, k: int, z: np.ndarray) -> str:
-        """Return the mode that the switching function asks for at row k, empty if the row is about something else."""
+        """Return the mode that the switching function asks for at row k, empty if the row is about
+        something else.
+        """
         if not self.name.startswith(SWITCHING):
             return ""
         if not self.equation:
@@ -73,10 +79,11 @@ def mode_at(solution: Solution, control: str, t: float) -> tuple[str, int]:
 
 
 def _switching(along: Along) -> Iterator[Rows]:
-    """Yield the minimum condition: sigma = 0 inside the box and where a control switches, its sign at a bound.
+    """Yield the minimum condition: sigma = 0 inside the box and where a control switches, its sign
+    at a bound.
 
-    The residual is the Hamiltonian that the best admissible value of this control would gain: sigma times the distance
-    to it.
+    The residual is the Hamiltonian that the best admissible value of this control would gain: sigma
+    times the distance to it.
     """
     samples, (offset, matrix) = along.samples, along.sigma
     low, high = along.problem.box
@@ -84,7 +91,11 @@ def _switching(along: Along) -> Iterator[Rows]:
     for i, name in enumerate(along.problem.control_names):
         width = high[i] - low[i]
         stretches = [mode_at(along.solution, name, float(t)) for t in middle]
-        where = [f"{name}, stretch {number} ({mode})" for mode, number in stretches for _ in range(samples.width)]
+        where = [
+            f"{name}, stretch {number} ({mode})"
+            for mode, number in stretches
+            for _ in range(samples.width)
+        ]
         inside = np.repeat([mode[0] in "sb*" for mode, _ in stretches], samples.width)
         distances = [
             (samples.u[i] - low[i], False),
@@ -95,10 +106,25 @@ def _switching(along: Along) -> Iterator[Rows]:
             at = np.flatnonzero(inside == zero)
             title = "switching function zero inside the box" if zero else "switching function sign"
             lines, values = share[at, None] * matrix[i, at], share[at] * offset[i, at]
-            yield Rows(title, lines, values, samples.t[at], [where[k] for k in at], zero, zero, pointwise=False)
+            yield Rows(
+                title,
+                lines,
+                values,
+                samples.t[at],
+                [where[k] for k in at],
+                zero,
+                zero,
+                pointwise=False,
+            )
         at = _switch_nodes(samples, i, AT_BOUND * width)
         lines, values = width * matrix[i, at], width * offset[i, at]
-        yield Rows("switching function zero at a switch", lines, values, samples.t[at], [where[k] for k in at])
+        yield Rows(
+            "switching function zero at a switch",
+            lines,
+            values,
+            samples.t[at],
+            [where[k] for k in at],
+        )
 
 
 def _switch_nodes(samples: Samples, i: int, jump: float) -> np.ndarray:
@@ -109,7 +135,8 @@ def _switch_nodes(samples: Samples, i: int, jump: float) -> np.ndarray:
 
 
 def _end_times(along: Along) -> Iterator[Rows]:
-    """Yield H(tf) + d(Mayer + nu psi)/dtf = 0 where the final time is free, H(t0) = d(Mayer + nu psi)/dt0 likewise.
+    """Yield H(tf) + d(Mayer + nu psi)/dtf = 0 where the final time is free, H(t0) = d(Mayer + nu
+    psi)/dt0 likewise.
 
     At an end of the interval that a time is allowed, the sign remains.
     """
@@ -125,7 +152,10 @@ def _end_times(along: Along) -> Iterator[Rows]:
         t = along.samples.t[[node]]
         tight = [edge for edge in box if abs(edge - t[0]) <= ACTIVE * along.horizon]
         outward = -1.0 if tight and tight[0] == box[0] else 1.0
-        line, value = outward * (sign * matrix[[node]] + row), outward * (sign * offset[[node]] + slope)
+        line, value = (
+            outward * (sign * matrix[[node]] + row),
+            outward * (sign * offset[[node]] + slope),
+        )
         slack = abs(tight[0] - t[0]) if tight else 0.0
         yield Rows(title, line, value, t, [""], not tight, slack=slack)
 
@@ -133,10 +163,15 @@ def _end_times(along: Along) -> Iterator[Rows]:
 def _constant(along: Along) -> Rows:
     """Return H(t) = H(tf) - integral of H_t - jumps c_t, at both ends of every interval.
 
-    It follows from the others where they all hold; it is kept as an independent check and does not enter the least
-    squares.
+    It follows from the others where they all hold; it is kept as an independent check and does not
+    enter the least squares.
     """
-    samples, unknowns, v, (H, H_matrix) = along.samples, along.unknowns, along.samples.values, along.hamiltonian
+    samples, unknowns, v, (H, H_matrix) = (
+        along.samples,
+        along.unknowns,
+        along.samples.values,
+        along.hamiltonian,
+    )
     shape = (samples.intervals, samples.width)
     rate = v["Lt"] + np.einsum("jn,nj->n", v["ft"], along.costates.offset)
     rate_matrix = np.einsum("jn,njz->nz", v["ft"], along.costates.maps)
@@ -153,7 +188,14 @@ def _constant(along: Along) -> Rows:
     values = H[at] - H[-1] + np.concatenate([left, left - grown])
     lines = H_matrix[at] - H_matrix[-1] + np.vstack([left_matrix, left_matrix - grown_matrix])
     where = [f"arc {samples.arc[k] + 1}" for k in at]
-    return Rows("Hamiltonian constant but for explicit time", lines, values, samples.t[at], where, decisive=False)
+    return Rows(
+        "Hamiltonian constant but for explicit time",
+        lines,
+        values,
+        samples.t[at],
+        where,
+        decisive=False,
+    )
 
 
 def _backwards(values: np.ndarray) -> np.ndarray:
@@ -162,7 +204,9 @@ def _backwards(values: np.ndarray) -> np.ndarray:
 
 
 def _transversality(along: Along) -> Iterator[Rows]:
-    """Yield lambda(t0) = -d(Mayer + nu psi)/dx(t0) for initial states that are free; the sign at an interval's end."""
+    """Yield lambda(t0) = -d(Mayer + nu psi)/dx(t0) for initial states that are free; the sign at an
+    interval's end.
+    """
     samples, ends, count = along.samples, along.ends, along.ends.signs.size
     for i, name in enumerate(along.problem.state_names):
         low, high = along.problem.start_box[:, i]
@@ -185,16 +229,23 @@ def _transversality(along: Along) -> Iterator[Rows]:
 
 
 def _parameters(along: Along) -> Iterator[Rows]:
-    """Yield that the objective does not change with a free parameter: integral of H_p + d(Mayer + nu psi)/dp = 0."""
+    """Yield that the objective does not change with a free parameter: integral of H_p + d(Mayer +
+    nu psi)/dp = 0.
+    """
     samples, ends, v, count = along.samples, along.ends, along.samples.values, along.ends.signs.size
-    mass = np.repeat(0.5 * np.diff(samples.edges), samples.width) * np.tile(_WEIGHTS, samples.intervals)
+    mass = np.repeat(0.5 * np.diff(samples.edges), samples.width) * np.tile(
+        _WEIGHTS, samples.intervals
+    )
     for i, name in enumerate(along.problem.parameter_names):
         low, high = along.problem.parameter_box[:, i]
         size = max(abs(samples.p[i]), *(abs(b) for b in (low, high) if np.isfinite(b)), 1e-300)
         side = _side(samples.p[i], low, high, size)
         line = np.einsum("n,nj,njz->z", mass, v["fp"][:, :, i], along.costates.maps)
         line[:count] += ends.psi_p[:, i]
-        value = mass @ (v["Lp"][i] + np.einsum("nj,nj->n", v["fp"][:, :, i], along.costates.offset)) + ends.slope_p[i]
+        value = (
+            mass @ (v["Lp"][i] + np.einsum("nj,nj->n", v["fp"][:, :, i], along.costates.offset))
+            + ends.slope_p[i]
+        )
         factor = size / along.horizon * (side or 1.0)
         yield Rows(
             "stationarity of a parameter",
@@ -219,7 +270,9 @@ def _slack(value: float, low: float, high: float, side: float) -> float:
 
 
 def _signs(along: Along) -> Iterator[Rows]:
-    """Yield the signs: multipliers of inequalities, of state constraints and of their jumps are not negative."""
+    """Yield the signs: multipliers of inequalities, of state constraints and of their jumps are not
+    negative.
+    """
     samples, unknowns, ends, nz = along.samples, along.unknowns, along.ends, along.unknowns.size
     for k in np.flatnonzero(ends.signs):
         line = np.zeros((1, nz))
@@ -227,18 +280,43 @@ def _signs(along: Along) -> Iterator[Rows]:
         line[0, k] = -ends.signs[k] * weight
         slack = abs(float(ends.values[k])) / weight if weight else 0.0
         where = [ends.names[k]]
-        yield Rows("sign of an end multiplier", line, np.zeros(1), samples.t[-1:], where, equation=False, slack=slack)
+        yield Rows(
+            "sign of an end multiplier",
+            line,
+            np.zeros(1),
+            samples.t[-1:],
+            where,
+            equation=False,
+            slack=slack,
+        )
     names = [constraint.name for constraint in along.problem.constraints]
-    size = [float(np.max(np.abs(samples.values["cx"][:, j]) @ along.scale)) for j in range(len(names))]
+    size = [
+        float(np.max(np.abs(samples.values["cx"][:, j]) @ along.scale)) for j in range(len(names))
+    ]
     for block, (constraint, interval) in enumerate(unknowns.mu):
         lines = np.zeros((POINTS, nz))
-        lines[np.arange(POINTS), np.arange(POINTS) + unknowns.mu_columns(block).start] = -size[constraint]
+        lines[np.arange(POINTS), np.arange(POINTS) + unknowns.mu_columns(block).start] = -size[
+            constraint
+        ]
         t = samples.t[interval * samples.width :][:POINTS]
         where = [names[constraint]] * POINTS
         yield Rows(
-            "sign of a constraint's multiplier", lines, np.zeros(POINTS), t, where, equation=False, pointwise=False
+            "sign of a constraint's multiplier",
+            lines,
+            np.zeros(POINTS),
+            t,
+            where,
+            equation=False,
+            pointwise=False,
         )
     for jump, (constraint, joint) in enumerate(unknowns.jumps):
         line = np.zeros((1, nz))
         line[0, unknowns.jump_column(jump)] = -size[constraint] / along.horizon
-        yield Rows("sign of a jump", line, np.zeros(1), samples.edges[[joint]], [names[constraint]], equation=False)
+        yield Rows(
+            "sign of a jump",
+            line,
+            np.zeros(1),
+            samples.edges[[joint]],
+            [names[constraint]],
+            equation=False,
+        )

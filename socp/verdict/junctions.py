@@ -1,4 +1,6 @@
-"""Junctions of singular arcs: where a control may jump onto one, and where only infinitely many switches could."""
+"""Junctions of singular arcs: where a control may jump onto one, and where only infinitely many
+switches could.
+"""
 
 from itertools import pairwise
 
@@ -11,15 +13,21 @@ _JUMP = 1e-3  # of the width of a control's box: a smaller difference is no jump
 
 
 def chattering(problem: Problem, solution: Solution) -> list[str]:
-    """Return the controls that jump onto or off a singular arc of even order, which no finite word allows.
+    """Return the controls that jump onto or off a singular arc of even order, which no finite word
+    allows.
 
-    At a junction the order plus the least derivative of the control that jumps is odd (McDanell and Powers, SIAM
-    Journal on Control 9, 1971): where the control itself jumps, the order has to be odd.
+    At a junction the order plus the least derivative of the control that jumps is odd (McDanell and
+    Powers, SIAM Journal on Control 9, 1971): where the control itself jumps, the order has to be
+    odd.
     """
     found = []
     for i, name in enumerate(problem.control_names):
         pairs = pairwise(solution.structure[name])
-        jumps = [t for (one, _, t), (other, _, _) in pairs if _meets(one, other) and _jumps(problem, solution, i, t)]
+        jumps = [
+            t
+            for (one, _, t), (other, _, _) in pairs
+            if _meets(one, other) and _jumps(problem, solution, i, t)
+        ]
         if jumps and _order(problem, name) % 2 == 0:
             found.append(name)
     return found

@@ -1,4 +1,6 @@
-"""Lessons: points of a solution where a control seems to be singular, to look from there for laws not found yet."""
+"""Lessons: points of a solution where a control seems to be singular, to look from there for laws
+not found yet.
+"""
 
 import numpy as np
 
@@ -8,16 +10,18 @@ from socp.model import Problem, Solution
 from socp.verdict.structure import structure_of
 
 _POINTS = 12  # taken along one stretch
-_SHORTEST = 0.02  # of the horizon: a shorter stretch that looks singular is a switch between two nodes, or ringing
+# Of the horizon: a shorter stretch that looks singular is a switch between two nodes, or ringing
+_SHORTEST = 0.02
 _INNER = 0.15  # of a stretch, left out at both its ends: a coarse grid blurs its joints
 _SOLUTIONS = 4  # whose points are kept for one problem: more of them show the same arcs
 
 
 def learn(problem: Problem, solution: Solution) -> bool:
-    """Note points where a control without a derived law looks singular, and forget that there was no law.
+    """Note points where a control without a derived law looks singular, and forget that there was
+    no law.
 
-    Returns whether there was anything to learn. The points are near the arc as far as the solution is good, and its
-    costates known; what they are worth is decided where the law is derived.
+    Returns whether there was anything to learn. The points are near the arc as far as the solution
+    is good, and its costates known; what they are worth is decided where the law is derived.
     """
     if len(noted(problem)) >= _SOLUTIONS:
         return False
@@ -47,8 +51,12 @@ def _has_law(problem: Problem, name: str) -> bool:
 
 
 def _along(problem: Problem, solution: Solution, first: float, last: float) -> np.ndarray:
-    """Return points (nv, n) of a solution between two times, the costates of the size of random ones."""
+    """Return points (nv, n) of a solution between two times, the costates of the size of random
+    ones.
+    """
     t = np.linspace(first, last, _POINTS)
     x, u, costate = (solution.at(t, which) for which in ("x", "u", "costate"))
-    p = np.array([[solution.parameters[name]] * t.size for name in problem.parameter_names]).reshape(-1, t.size)
+    p = np.array(
+        [[solution.parameters[name]] * t.size for name in problem.parameter_names]
+    ).reshape(-1, t.size)
     return np.vstack([t[None, :], x, p, costate, u])

@@ -15,10 +15,12 @@ from socp.verdict.nodes import Samples
 def strictness(
     problem: Problem, solution: Solution, samples: Samples, sigma: np.ndarray, size: float
 ) -> dict[str, float]:
-    """Return, for every bang stretch, how far its switching function comes to the right side of zero.
+    """Return, for every bang stretch, how far its switching function comes to the right side of
+    zero.
 
-    sigma (nu, n) at the judge's nodes; the figure is sigma times the width of the box over the Hamiltonian's
-    magnitude. One that is not positive belongs to an arc that the principle does not ask for.
+    sigma (nu, n) at the judge's nodes; the figure is sigma times the width of the box over the
+    Hamiltonian's magnitude. One that is not positive belongs to an arc that the principle does not
+    ask for.
     """
     found = {}
     width = np.diff(problem.box, axis=0)[0]
@@ -27,12 +29,16 @@ def strictness(
             inside = (samples.t >= start) & (samples.t <= end)
             if mode in {"+", "-"} and inside.any() and end > start:
                 sign = 1.0 if mode == "-" else -1.0
-                found[f"{name}, stretch {number} ({mode})"] = float((sign * sigma[i, inside]).max() * width[i] / size)
+                found[f"{name}, stretch {number} ({mode})"] = float(
+                    (sign * sigma[i, inside]).max() * width[i] / size
+                )
     return found
 
 
 def signs(problem: Problem, solution: Solution, samples: Samples) -> np.ndarray:
-    """Return, for every bang stretch, weights (stretches, nu, n) that make sigma its mean margin in energy."""
+    """Return, for every bang stretch, weights (stretches, nu, n) that make sigma its mean margin in
+    energy.
+    """
     found = []
     width = np.diff(problem.box, axis=0)[0]
     for i, name in enumerate(problem.control_names):
@@ -45,27 +51,32 @@ def signs(problem: Problem, solution: Solution, samples: Samples) -> np.ndarray:
 
 
 def ringing(problem: Problem, solution: Solution) -> dict[str, float]:
-    """Return every control's total variation over that of its running mean (1, 2, 1) / 4: 1 if it does not ring.
+    """Return every control's total variation over that of its running mean (1, 2, 1) / 4: 1 if it
+    does not ring.
 
-    The mean leaves nothing of a zigzag from value to value, and all of a jump between longer levels. What is less
-    than a thousandth of the width of the box counts as no variation.
+    The mean leaves nothing of a zigzag from value to value, and all of a jump between longer
+    levels. What is less than a thousandth of the width of the box counts as no variation.
     """
     found = {}
     for i, name in enumerate(problem.control_names):
         values = np.concatenate([_once(arc)[i] for arc in solution.arcs])
         least = 1e-3 * float(problem.box[1, i] - problem.box[0, i])
         calm = np.convolve(np.pad(values, 1, mode="edge"), [0.25, 0.5, 0.25], mode="valid")
-        found[name] = float((np.abs(np.diff(values)).sum() + least) / (np.abs(np.diff(calm)).sum() + least))
+        found[name] = float(
+            (np.abs(np.diff(values)).sum() + least) / (np.abs(np.diff(calm)).sum() + least)
+        )
     return found
 
 
 def legendre_clebsch(
     problem: Problem, solution: Solution, samples: Samples, costate: np.ndarray
 ) -> tuple[dict[str, float], list[str]]:
-    """Return the generalised Legendre-Clebsch expression on every arc with singular controls, and why not elsewhere.
+    """Return the generalised Legendre-Clebsch expression on every arc with singular controls, and
+    why not elsewhere.
 
-    The least eigenvalue of the matrix (-1)^q d/du d^(2q) sigma / dt^(2q) along the arc over its largest entry there, to
-    be non-negative (Kelley, Kopp, Moyer, Topics in Optimization, 1967, chapter 3).
+    The least eigenvalue of the matrix (-1)^q d/du d^(2q) sigma / dt^(2q) along the arc over its
+    largest entry there, to be non-negative (Kelley, Kopp, Moyer, Topics in Optimization, 1967,
+    chapter 3).
     """
     found: dict[str, float] = {}
     unknown: list[str] = []
@@ -83,11 +94,17 @@ def legendre_clebsch(
         function = casadi.Function("clebsch", symbols, [casadi.densify(law.legendre_clebsch)])
         p = np.repeat(samples.p[:, None], int(inside.sum()), axis=1)
         values = function.map(p.shape[1])(
-            samples.x[:, inside], samples.u[:, inside], costate[:, inside], samples.t[None, inside], p
+            samples.x[:, inside],
+            samples.u[:, inside],
+            costate[:, inside],
+            samples.t[None, inside],
+            p,
         ).full()
         matrices = values.reshape(len(singular), p.shape[1], len(singular)).transpose(1, 0, 2)
         size = max(float(np.abs(matrices).max()), 1e-300)
-        least = float(np.linalg.eigvalsh((matrices + matrices.transpose(0, 2, 1)) / 2.0).min()) / size
+        least = (
+            float(np.linalg.eigvalsh((matrices + matrices.transpose(0, 2, 1)) / 2.0).min()) / size
+        )
         found[label] = min(found.get(label, np.inf), least)
     return found, unknown
 
@@ -95,9 +112,13 @@ def legendre_clebsch(
 def _joint_arcs(
     problem: Problem, solution: Solution, samples: Samples
 ) -> Iterator[tuple[tuple[tuple[str, int], ...], np.ndarray]]:
-    """Yield (mode and number of its stretch by control, mask (n,) of nodes) for every arc of all controls together."""
+    """Yield (mode and number of its stretch by control, mask (n,) of nodes) for every arc of all
+    controls together.
+    """
     middle = 0.5 * (samples.edges[1:] + samples.edges[:-1])
-    joint = [tuple(mode_at(solution, name, float(t)) for name in problem.control_names) for t in middle]
+    joint = [
+        tuple(mode_at(solution, name, float(t)) for name in problem.control_names) for t in middle
+    ]
     for arc in dict.fromkeys(joint):
         yield arc, np.repeat([each == arc for each in joint], samples.width)
 
@@ -108,13 +129,17 @@ def _once(arc: Arc) -> np.ndarray:
 
 
 def on_arc(samples: Samples, index: int, arc: Arc, values: np.ndarray) -> np.ndarray:
-    """Carry values (rows, n) from the judge's nodes to an arc's; arcs without length take the neighbouring value."""
+    """Carry values (rows, n) from the judge's nodes to an arc's; arcs without length take the
+    neighbouring value.
+    """
     out = np.empty((values.shape[0], arc.t.size))
     mine = np.unique(np.flatnonzero(samples.arc == index) // samples.width)
     if not mine.size:
         nearest = int(np.argmin(np.abs(samples.t - arc.t[0])))
         return np.repeat(values[:, [nearest]], arc.t.size, axis=1)
-    place = mine[np.clip(np.searchsorted(samples.edges[mine], arc.t, side="right") - 1, 0, mine.size - 1)]
+    place = mine[
+        np.clip(np.searchsorted(samples.edges[mine], arc.t, side="right") - 1, 0, mine.size - 1)
+    ]
     for k in np.unique(place):
         nodes = slice(k * samples.width, (k + 1) * samples.width)
         out[:, place == k] = lagrange(samples.t[nodes], values[:, nodes], arc.t[place == k])

@@ -1,4 +1,6 @@
-"""The multipliers that satisfy Pontryagin's principle best along a solution, by least squares and linear programmes."""
+"""The multipliers that satisfy Pontryagin's principle best along a solution, by least squares and
+linear programmes.
+"""
 
 from dataclasses import dataclass
 from typing import final
@@ -14,7 +16,9 @@ from socp.verdict.adjoint import Along
 from socp.verdict.conditions import SCALE, Rows
 from socp.verdict.nodes import POINTS
 
-_EXACT = 0.1 * EXTREMAL  # what a row may be broken beyond the programme's own figure: the solver is good to 1e-7
+_EXACT = (
+    0.1 * EXTREMAL
+)  # what a row may be broken beyond the programme's own figure: the solver is good to 1e-7
 
 
 @final
@@ -26,10 +30,11 @@ class Case:
     rows: tuple[Rows, ...]
 
     def magnitude(self, z: np.ndarray) -> float:
-        """Return the Hamiltonian's magnitude: the largest sum of its terms' absolute values along the solution.
+        """Return the Hamiltonian's magnitude: the largest sum of its terms' absolute values along
+        the solution.
 
-        Not less than the cost's own: multipliers that all vanish satisfy everything, and must not be measured by
-        themselves.
+        Not less than the cost's own: multipliers that all vanish satisfy everything, and must not
+        be measured by themselves.
         """
         v = self.along.samples.values
         terms = np.abs(v["L"]) + np.abs(self.along.costates.at(z) * v["f"]).sum(axis=0)
@@ -37,7 +42,9 @@ class Case:
 
     @property
     def cost(self) -> float:
-        """Magnitude of the cost in units of the Hamiltonian: running, for the time, and for the states at the ends."""
+        """Magnitude of the cost in units of the Hamiltonian: running, for the time, and for the
+        states at the ends.
+        """
         along, ends = self.along, self.along.ends
         states = float((np.abs(ends.slope_final) + np.abs(ends.slope_initial)) @ along.scale)
         running = float(np.abs(along.samples.values["L"]).max())
@@ -53,18 +60,23 @@ class Case:
             residuals = rows.residuals(z) / size
             k = int(np.argmax(residuals))
             finding = Finding(
-                condition=rows.name, residual=float(residuals[k]), where=rows.where[k], t=float(rows.t[k]),
+                condition=rows.name,
+                residual=float(residuals[k]),
+                where=rows.where[k],
+                t=float(rows.t[k]),
                 wants=rows.wants(k, z),
-            )  # fmt: skip
+            )
             if rows.name not in found or finding.residual > found[rows.name].residual:
                 found[rows.name] = finding
         return tuple(found.values())
 
 
 def multipliers(case: Case) -> tuple[np.ndarray, float | None]:
-    """Return the multipliers z that satisfy the principle best, and the proved distance where programmes were needed.
+    """Return the multipliers z that satisfy the principle best, and the proved distance where
+    programmes were needed.
 
-    Where none are within tolerance, z has the least sum of residuals: it breaks few conditions, and so tells which.
+    Where none are within tolerance, z has the least sum of residuals: it breaks few conditions, and
+    so tells which.
     """
     z = _least_squares(case)
     if _worst(case, z) <= EXTREMAL:
@@ -91,14 +103,17 @@ def _least_squares(case: Case) -> np.ndarray:
     return np.array(lstsq(matrix / size, -offset, cond=1e-12, lapack_driver="gelsy")[0] / size)
 
 
-def _programme(case: Case, size: float, start: np.ndarray, *, worst: bool) -> tuple[np.ndarray, float | None]:
+def _programme(
+    case: Case, size: float, start: np.ndarray, *, worst: bool
+) -> tuple[np.ndarray, float | None]:
     """Minimise the worst residual, or the sum of residuals, by a linear programme.
 
-    Returns (z, least value), or (start, None) if the programme fails; the least worst residual is in the magnitude that
-    belongs to its own multipliers, as their findings are, so that the two agree.
+    Returns (z, least value), or (start, None) if the programme fails; the least worst residual is
+    in the magnitude that belongs to its own multipliers, as their findings are, so that the two
+    agree.
 
-    Not all signs enter at once: those that the multipliers found break more than what they leave at worst are added,
-    and the programme is solved again, until they break none.
+    Not all signs enter at once: those that the multipliers found break more than what they leave at
+    worst are added, and the programme is solved again, until they break none.
     """
     scale = np.maximum(np.abs(start), 1e-3 * max(float(np.abs(start).max()), 1e-300))
     kept = [_thinned(rows) for rows in case.rows]
@@ -118,10 +133,11 @@ def _programme(case: Case, size: float, start: np.ndarray, *, worst: bool) -> tu
 def _solved(
     case: Case, units: tuple[float, np.ndarray], kept: list[np.ndarray], *, worst: bool
 ) -> tuple[np.ndarray, float] | None:
-    """Solve the programme of the rows that are kept, in units of the Hamiltonian and of z (nz,); None if that fails.
+    """Solve the programme of the rows that are kept, in units of the Hamiltonian and of z (nz,);
+    None if that fails.
 
-    In the sum the rows that fix the multipliers' scale count for all others together: breaking those alone explains
-    nothing.
+    In the sum the rows that fix the multipliers' scale count for all others together: breaking
+    those alone explains nothing.
     """
     import cvxpy
 
@@ -144,9 +160,11 @@ def _solved(
 
 
 def _strict(case: Case, z: np.ndarray) -> np.ndarray:
-    """Return multipliers as good as z that give every bang stretch its sign, where z gives some none and others do.
+    """Return multipliers as good as z that give every bang stretch its sign, where z gives some
+    none and others do.
 
-    They are not unique where the ends leave no choice, and the first that serve may be those that vanish.
+    They are not unique where the ends leave no choice, and the first that serve may be those that
+    vanish.
     """
     along, size = case.along, case.magnitude(z)
     signs = margins.signs(along.problem, along.solution, along.samples)
@@ -155,7 +173,13 @@ def _strict(case: Case, z: np.ndarray) -> np.ndarray:
         return z
     rows = [each for each in case.rows if each.t.size]
     equations = [each for each in rows if each.equation]
-    left = np.vstack([-matrix, *(each.matrix / size for each in rows), *(-each.matrix / size for each in equations)])
+    left = np.vstack(
+        [
+            -matrix,
+            *(each.matrix / size for each in rows),
+            *(-each.matrix / size for each in equations),
+        ]
+    )
     right = np.concatenate(
         [offset, *(0.5 * EXTREMAL - each.offset / size for each in rows)]
         + [0.5 * EXTREMAL + each.offset / size for each in equations]
@@ -163,22 +187,34 @@ def _strict(case: Case, z: np.ndarray) -> np.ndarray:
     margin = np.zeros(right.size)
     margin[: offset.size] = 1.0
     found = linprog(
-        np.append(np.zeros(z.size), -1.0), np.column_stack([left, margin]), right,
+        np.append(np.zeros(z.size), -1.0),
+        np.column_stack([left, margin]),
+        right,
         bounds=[(None, None)] * z.size + [(None, 1.0)],
-    )  # fmt: skip
-    better = found.x is not None and found.x[-1] > EXTREMAL and _worst(case, found.x[:-1]) <= EXTREMAL
+    )
+    better = (
+        found.x is not None and found.x[-1] > EXTREMAL and _worst(case, found.x[:-1]) <= EXTREMAL
+    )
     return np.array(found.x[:-1]) if better else z
 
 
 def _weight(rows: Rows, kept: int, every: int) -> np.ndarray:
-    """Return the weights of rows in a sum: a condition at a point counts 1, one along an interval 1 over its nodes."""
+    """Return the weights of rows in a sum: a condition at a point counts 1, one along an interval 1
+    over its nodes.
+    """
     if rows.name.startswith(SCALE):
         return np.full(kept, float(every))
     return np.full(kept, 1.0 if rows.pointwise else (1.0 if rows.equation else 3.0) / (POINTS + 1))
 
 
 def _thinned(rows: Rows) -> np.ndarray:
-    """Return the rows that a programme begins with: all equations, signs at three nodes of every interval."""
+    """Return the rows that a programme begins with: all equations, signs at three nodes of every
+    interval.
+    """
     n = rows.t.size
     thin = not rows.equation and n > 10 * (POINTS + 1)
-    return np.flatnonzero(np.isin(np.arange(n) % (POINTS + 1), (0, POINTS // 2, POINTS))) if thin else np.arange(n)
+    return (
+        np.flatnonzero(np.isin(np.arange(n) % (POINTS + 1), (0, POINTS // 2, POINTS)))
+        if thin
+        else np.arange(n)
+    )

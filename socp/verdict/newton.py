@@ -1,4 +1,6 @@
-"""Newton on the first-order conditions of a word: the symmetric system of shooting equations and multipliers."""
+"""Newton on the first-order conditions of a word: the symmetric system of shooting equations and
+multipliers.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,17 +14,22 @@ from socp.transcription import Shooting
 
 _RUIZ = 5  # rounds of scaling: each halves the decades between rows
 _SOLVED = 1e-8  # what a linear system may leave of its right side; more is left by a singular one
-# of the largest eigenvalue of the scaled matrix: what is smaller is rounding, and its direction left open
+# of the largest eigenvalue of the scaled matrix: what is smaller is rounding, and its direction
+# left open
 _RANK = 1e-13
-_MOVES = 1e-6  # of a direction that is left open, with largest entry 1: what moves less along it is determined
-_CONTRADICTS = 64.0  # units in the last place of its terms: equations that are further apart contradict each other
+# Of a direction that is left open, with largest entry 1: what moves less along it is determined
+_MOVES = 1e-6
+# Units in the last place of its terms: equations that are further apart contradict each other
+_CONTRADICTS = 64.0
 _ULPS = 4.0  # rounding of every entry of a condition, in units of its last place
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """The first-order conditions of shooting equations as functions of variables (n,) and multipliers (m,)."""
+    """The first-order conditions of shooting equations as functions of variables (n,) and
+    multipliers (m,).
+    """
 
     shooting: Shooting
 
@@ -47,7 +54,9 @@ class Conditions:
     def _slopes(self) -> casadi.Function:
         cost, equations, _ = self.shooting.laid
         w = self.shooting.w
-        return casadi.Function("slopes", [w], [casadi.jacobian(equations, w), casadi.gradient(cost, w)])
+        return casadi.Function(
+            "slopes", [w], [casadi.jacobian(equations, w), casadi.gradient(cost, w)]
+        )
 
     @cached_property
     def size(self) -> np.ndarray:
@@ -59,7 +68,9 @@ class Conditions:
         rows: list[np.ndarray] = []
         for phase, arc in shooting.pairs:
             carried = np.abs(arc.costate[: phase.carried.numel()]).max(axis=1, initial=0.0)
-            rows.append(np.tile(np.concatenate([scale, np.where(carried > 0, carried, 1.0)]), arc.mesh.size))
+            rows.append(
+                np.tile(np.concatenate([scale, np.where(carried > 0, carried, 1.0)]), arc.mesh.size)
+            )
         times = np.full(1 + len(shooting.pairs), horizon)
         return np.concatenate([times, np.where(p > 0, p, 1.0), *rows])
 
@@ -72,7 +83,9 @@ class Conditions:
     def system(self, at: np.ndarray, held: np.ndarray) -> "System":
         """Return the linear system at variables (n,) and multipliers (m,)."""
         C, H = self._slopes(at)[0].full() * self.size, self._second(at, held).full()
-        matrix = np.block([[H * self.size[:, None] * self.size, C.T], [C, np.zeros((held.size, held.size))]])
+        matrix = np.block(
+            [[H * self.size[:, None] * self.size, C.T], [C, np.zeros((held.size, held.size))]]
+        )
         return System.of(matrix, self.size)
 
     def values(self, at: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
@@ -84,7 +97,9 @@ class Conditions:
 @final
 @dataclass(frozen=True, eq=False)
 class System:
-    """The matrix of first-order conditions, its variables scaled by `size` (n,), brought to one magnitude by `d`."""
+    """The matrix of first-order conditions, its variables scaled by `size` (n,), brought to one
+    magnitude by `d`.
+    """
 
     matrix: np.ndarray
     size: np.ndarray
@@ -101,8 +116,8 @@ class System:
     def step(self, gradient: np.ndarray, equations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the Newton step in variables (n,) and multipliers (m,), nan where there is none.
 
-        Where the matrix leaves directions open, it is the shortest one. Equations that say the same twice, as where two
-        controls switch at one time, leave multipliers open alone.
+        Where the matrix leaves directions open, it is the shortest one. Equations that say the same
+        twice, as where two controls switch at one time, leave multipliers open alone.
         """
         given = -self.d * np.concatenate([gradient * self.size, equations])
         found = self.d * self._solved(given)
@@ -119,7 +134,11 @@ class System:
         n, ulps = self.size.size, _CONTRADICTS * np.finfo(float).eps if self._deficient else 0.0
         rounding = ulps * np.abs(self.matrix[:, :n] / self.d[:n]).sum(axis=1)
         allowed = np.maximum(_SOLVED * max(np.abs(given).max(), 1e-300), rounding)
-        return found if (np.abs(self.matrix @ found - given) <= allowed).all() else np.full_like(given, np.nan)
+        return (
+            found
+            if (np.abs(self.matrix @ found - given) <= allowed).all()
+            else np.full_like(given, np.nan)
+        )
 
     @cached_property
     def _spectrum(self) -> tuple[np.ndarray, np.ndarray]:
@@ -137,21 +156,28 @@ class System:
         return bool((self._inverted == 0.0).any())
 
     def open(self, rows: np.ndarray) -> np.ndarray:
-        """Return a mask (k,) of the linear functions `rows` (k, n) of the variables that the conditions leave open."""
+        """Return a mask (k,) of the linear functions `rows` (k, n) of the variables that the
+        conditions leave open.
+        """
         n = self.size.size
         directions = (self.d[:, None] * self._spectrum[1])[:, self._inverted == 0.0]
         directions = directions / np.maximum(np.abs(directions).max(axis=0, initial=0.0), 1e-300)
         moved = np.abs(rows * self.size @ directions[:n])
-        return np.array((moved > _MOVES * np.abs(rows * self.size).max(axis=1)[:, None]).any(axis=1))
+        return np.array(
+            (moved > _MOVES * np.abs(rows * self.size).max(axis=1)[:, None]).any(axis=1)
+        )
 
     def rounding(self, rows: np.ndarray, held: np.ndarray) -> np.ndarray:
         """Return how far rounding may move linear functions `rows` (k, n) of the variables: (k,).
 
-        Every entry of a condition is off by some units in its last place, independently of the others.
+        Every entry of a condition is off by some units in its last place, independently of the
+        others.
         """
         n, count = self.size.size, len(rows)
         sizes = np.concatenate([np.ones(n), np.abs(held)]) / self.d
-        off = _ULPS * np.finfo(float).eps * np.sqrt((self.matrix * sizes) ** 2 @ np.ones(sizes.size))
+        off = (
+            _ULPS * np.finfo(float).eps * np.sqrt((self.matrix * sizes) ** 2 @ np.ones(sizes.size))
+        )
         asked = np.hstack([rows * self.size, np.zeros((count, held.size))]) * self.d
         vectors = self._spectrum[1]
         moved = (asked @ vectors * self._inverted) @ vectors.T

@@ -1,4 +1,6 @@
-"""The judge's nodes along a solution: intervals cut where anything jumps, touches or has a kink, and values there."""
+"""The judge's nodes along a solution: intervals cut where anything jumps, touches or has a kink,
+and values there.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,26 +17,31 @@ from socp.verdict.structure import ACTIVE, constraint_values
 POINTS = 10
 # intervals of the judge's mesh in one arc at most; finer meshes are joined in groups
 _INTERVALS = 16
-# switches and touches that get a joint of their own; more than that is ringing, which a uniform mesh shows as well
+# switches and touches that get a joint of their own; more than that is ringing, which a uniform
+# mesh shows as well
 _CUTS = 64
-# of an interval: how far inside it stands what an end of it takes where something jumps there; a solver places a kink
-# to some 1e-11 of the horizon, and the shortest intervals are a thousandth of that
+# of an interval: how far inside it stands what an end of it takes where something jumps there; a
+# solver places a kink to some 1e-11 of the horizon, and the shortest intervals are a thousandth of
+# that
 _INSIDE = 1e-8
-# of the largest value along the solution: what is no jump changes by less over so little of an interval
+# of the largest value along the solution: what is no jump changes by less over so little of an
+# interval
 _JUMPS = 1e-6
 _BY_NODE = {"fx", "G", "cx", "fp"}  # whose first axis is the node; the others have it last
-# passes that halve what is not smooth, the intervals they stop at, and the last Legendre coefficients that are smooth
+# passes that halve what is not smooth, the intervals they stop at, and the last Legendre
+# coefficients that are smooth
 _HALVINGS, _MOST, _SMOOTH = 5, 100, 1e-6
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """The judge's nodes: k intervals of d + 1 nodes in time order, so that joints stand twice, once from either side.
+    """The judge's nodes: k intervals of d + 1 nodes in time order, so that joints stand twice, once
+    from either side.
 
-    t (n,); x (nx, n); u (nu, n); arc (n,) index of the arc of the solution; edges (k + 1,); values of the problem
-    there: f (nx, n), L (n,), fx (n, nx, nx), Lx (nx, n), G (n, nx, nu), L1 (nu, n), ft (nx, n), Lt (n,), c (nc, n),
-    cx (n, nc, nx), ct (nc, n), fp (n, nx, np), Lp (np, n).
+    t (n,); x (nx, n); u (nu, n); arc (n,) index of the arc of the solution; edges (k + 1,); values
+    of the problem there: f (nx, n), L (n,), fx (n, nx, nx), Lx (nx, n), G (n, nx, nu), L1 (nu, n),
+    ft (nx, n), Lt (n,), c (nc, n), cx (n, nc, nx), ct (nc, n), fp (n, nx, np), Lp (np, n).
     """
 
     problem: Problem
@@ -59,8 +66,9 @@ class Samples:
     def values(self) -> dict[str, np.ndarray]:
         """The problem's functions and slopes at the nodes, by the names of the class's docstring.
 
-        At an end of an interval they are those of its inside: on a kink, of a state or of time, either side has slopes
-        of its own, and the point itself those of neither. Where nothing jumps the node itself is taken.
+        At an end of an interval they are those of its inside: on a kink, of a state or of time,
+        either side has slopes of its own, and the point itself those of neither. Where nothing
+        jumps the node itself is taken.
         """
         found = _values(self.problem, (self.x, self.u, self.t, self.p))
         first = np.arange(self.intervals) * self.width
@@ -74,23 +82,36 @@ class Samples:
             at, its = np.moveaxis(values, axis, -1), np.moveaxis(inside[name], axis, -1)
             with np.errstate(invalid="ignore"):
                 jumps = np.abs(its - at[..., ends]) > _JUMPS * np.abs(at).max(initial=0.0)
-            at[..., ends] = np.where(jumps, its, at[..., ends])  # a view: this writes into what is found
+            at[..., ends] = np.where(
+                jumps, its, at[..., ends]
+            )  # a view: this writes into what is found
         return found
 
 
 def _values(
     problem: Problem, at: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-) -> dict[str, np.ndarray]:  # fmt: skip
-    """Return the functions and slopes of a problem at points: states (nx, n), controls (nu, n), times (n,), p (np,)."""
+) -> dict[str, np.ndarray]:
+    """Return the functions and slopes of a problem at points: states (nx, n), controls (nu, n),
+    times (n,), p (np,).
+    """
     n, x, u, p = at[2].size, problem.x, problem.u, problem.p
     c = column(constraint.expression for constraint in problem.constraints)
     f, L = problem.rate, problem.lagrangian
     named = {
-        "f": f, "L": L, "fx": casadi.jacobian(f, x), "Lx": casadi.jacobian(L, x).T, "G": problem.fields,
-        "L1": casadi.jacobian(L, u).T, "ft": casadi.jacobian(f, time), "Lt": casadi.jacobian(L, time), "c": c,
-        "cx": casadi.jacobian(c, x), "ct": casadi.jacobian(c, time), "fp": casadi.jacobian(f, p), "Lp":
-        casadi.jacobian(L, p).T,
-    }  # fmt: skip
+        "f": f,
+        "L": L,
+        "fx": casadi.jacobian(f, x),
+        "Lx": casadi.jacobian(L, x).T,
+        "G": problem.fields,
+        "L1": casadi.jacobian(L, u).T,
+        "ft": casadi.jacobian(f, time),
+        "Lt": casadi.jacobian(L, time),
+        "c": c,
+        "cx": casadi.jacobian(c, x),
+        "ct": casadi.jacobian(c, time),
+        "fp": casadi.jacobian(f, p),
+        "Lp": casadi.jacobian(L, p).T,
+    }
     dense = [casadi.densify(expression) for expression in named.values()]
     function = casadi.Function("along", [x, u, time, p], dense)
     results = function.map(n)(at[0], at[1], at[2][None, :], np.repeat(at[3][:, None], n, axis=1))
@@ -99,14 +120,20 @@ def _values(
         rows, columns = expression.shape
         block = result.full().reshape(rows, n, columns) if columns else np.empty((rows, n, 0))
         found[name] = (
-            block.transpose(1, 0, 2) if name in _BY_NODE else block[:, :, 0] if columns == 1 else block.reshape(rows, n)
+            block.transpose(1, 0, 2)
+            if name in _BY_NODE
+            else block[:, :, 0]
+            if columns == 1
+            else block.reshape(rows, n)
         )
     found["L"], found["Lt"] = found["L"][0], found["Lt"][0]
     return found
 
 
 def sample(problem: Problem, solution: Solution) -> Samples:
-    """Lay the judge's nodes over a solution: along its arcs, cut where controls switch and where constraints touch."""
+    """Lay the judge's nodes over a solution: along its arcs, cut where controls switch and where
+    constraints touch.
+    """
     cuts = np.array([*solution.switches, *_touches(problem, solution)])
     cuts = cuts if cuts.size <= _CUTS else np.empty(0)
     samples = _laid(problem, solution, cuts)
@@ -120,9 +147,11 @@ def sample(problem: Problem, solution: Solution) -> Samples:
 
 
 def _rough(samples: Samples, solution: Solution) -> np.ndarray:
-    """Return the middles of the intervals on which the slopes of the dynamics are no polynomials, on arcs with laws.
+    """Return the middles of the intervals on which the slopes of the dynamics are no polynomials,
+    on arcs with laws.
 
-    So a kink, as that of u |u|, comes to lie in a short interval: there the adjoint is of low order.
+    So a kink, as that of u |u|, comes to lie in a short interval: there the adjoint is of low
+    order.
     """
     half = 0.5 * np.diff(samples.edges)
     fx = samples.values["fx"].reshape(samples.intervals, samples.width, -1) * half[:, None, None]
@@ -143,7 +172,9 @@ def _laid(problem: Problem, solution: Solution, cuts: np.ndarray) -> Samples:
         for a, b in _intervals(arc, cuts) if arc.t[-1] - arc.t[0] > shortest else ():
             t = a + (b - a) * tau
             t[-1] = b
-            hair = 1e-12 * (b - a)  # a node on a joint belongs to this side of it, and the control may jump there
+            hair = 1e-12 * (
+                b - a
+            )  # a node on a joint belongs to this side of it, and the control may jump there
             at = np.clip(t, a + hair, b - hair)
             ts.append(t)
             xs.append(arc.at(t))
@@ -153,15 +184,27 @@ def _laid(problem: Problem, solution: Solution, cuts: np.ndarray) -> Samples:
     if not ts:
         raise ValueError("the solution has no length in time")
     p = np.array([solution.parameters[name] for name in problem.parameter_names], dtype=float)
-    return Samples(problem, np.array(edges), np.concatenate(ts), np.hstack(xs), np.hstack(us), np.concatenate(arcs), p)
+    return Samples(
+        problem,
+        np.array(edges),
+        np.concatenate(ts),
+        np.hstack(xs),
+        np.hstack(us),
+        np.concatenate(arcs),
+        p,
+    )
 
 
 def _intervals(arc: Arc, cuts: np.ndarray) -> list[tuple[float, float]]:
-    """Return the judge's intervals on an arc: its own, joined in groups where many, halved where long, cut as given."""
+    """Return the judge's intervals on an arc: its own, joined in groups where many, halved where
+    long, cut as given.
+    """
     ends = _halved(arc)
     step = -(-(len(ends) - 1) // _INTERVALS)
     kept = np.append(ends[:-1:step], ends[-1])
-    apart = 1e-9 * (ends[-1] - ends[0])  # cuts nearer to an end than this are that end, up to rounding
+    apart = 1e-9 * (
+        ends[-1] - ends[0]
+    )  # cuts nearer to an end than this are that end, up to rounding
     inside = cuts[(cuts > ends[0] + apart) & (cuts < ends[-1] - apart)]
     points = np.unique(np.concatenate([kept, inside]))
     near = np.diff(points) <= apart
@@ -171,20 +214,25 @@ def _intervals(arc: Arc, cuts: np.ndarray) -> list[tuple[float, float]]:
 
 
 def _halved(arc: Arc) -> np.ndarray:
-    """Return the ends of an arc's intervals, those with more nodes than the judge's cut into equal parts.
+    """Return the ends of an arc's intervals, those with more nodes than the judge's cut into equal
+    parts.
 
     The costate is about as smooth as the states, so it needs as many nodes.
     """
     ends = arc.t[arc.mesh]
     parts = [1 if n <= POINTS + 2 else -(-n // POINTS) for n in np.diff(arc.mesh)]
-    inner = [np.linspace(a, b, k + 1)[:-1] for a, b, k in zip(ends[:-1], ends[1:], parts, strict=True)]
+    inner = [
+        np.linspace(a, b, k + 1)[:-1] for a, b, k in zip(ends[:-1], ends[1:], parts, strict=True)
+    ]
     return np.append(np.concatenate(inner), ends[-1])
 
 
 def _touches(problem: Problem, solution: Solution) -> list[float]:
     """Return the times at which a state constraint that is inactive around them comes to zero."""
     found: list[float] = []
-    grids = [np.linspace(arc.t[0], arc.t[-1], 20 * min(len(arc.mesh), 50) + 1) for arc in solution.arcs]
+    grids = [
+        np.linspace(arc.t[0], arc.t[-1], 20 * min(len(arc.mesh), 50) + 1) for arc in solution.arcs
+    ]
     for constraint in problem.constraints:
         values = [
             constraint_values(problem, solution, constraint, t, arc.at(t))
@@ -194,7 +242,14 @@ def _touches(problem: Problem, solution: Solution) -> list[float]:
         for t, c in zip(grids, values, strict=True):
             near = c > level
             runs = np.split(np.arange(t.size), np.flatnonzero(np.diff(near.astype(int))) + 1)
-            # a parabola is within ACTIVE of its peak for 2 sqrt(ACTIVE) of its span; a boundary arc stays longer
-            short = [run for run in runs if near[run[0]] and run.size < 5.0 * np.sqrt(ACTIVE) * t.size]
-            found += [float(t[run[np.argmax(c[run])]]) for run in short if run[0] > 0 and run[-1] < t.size - 1]
+            # a parabola is within ACTIVE of its peak for 2 sqrt(ACTIVE) of its span; a boundary arc
+            # stays longer
+            short = [
+                run for run in runs if near[run[0]] and run.size < 5.0 * np.sqrt(ACTIVE) * t.size
+            ]
+            found += [
+                float(t[run[np.argmax(c[run])]])
+                for run in short
+                if run[0] > 0 and run[-1] < t.size - 1
+            ]
     return found

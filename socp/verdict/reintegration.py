@@ -1,4 +1,6 @@
-"""How far a motion misses what a problem asks for: its ends, its state constraints and its box, relative to sizes."""
+"""How far a motion misses what a problem asks for: its ends, its state constraints and its box,
+relative to sizes.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -36,8 +38,12 @@ def box_miss(u: np.ndarray, box: np.ndarray) -> float:
     return float(np.max(np.maximum(low - u, u - high) / (high - low), initial=0.0))
 
 
-def end_miss(problem: Problem, solution: Solution, x: np.ndarray, scale: np.ndarray) -> tuple[float, str]:
-    """Return the worst relative violation of the end conditions by the end state x (nx,), and which condition it is."""
+def end_miss(
+    problem: Problem, solution: Solution, x: np.ndarray, scale: np.ndarray
+) -> tuple[float, str]:
+    """Return the worst relative violation of the end conditions by the end state x (nx,), and which
+    condition it is.
+    """
     low, high = problem.end_box
     excess = np.maximum(np.maximum(low - x, x - high), 0.0) / scale
     found = dict(zip(problem.state_names, excess.tolist(), strict=True))
@@ -55,7 +61,9 @@ def end_miss(problem: Problem, solution: Solution, x: np.ndarray, scale: np.ndar
         ("initial time", solution.initial_time, problem.initial_time_box),
         ("final time", solution.final_time, problem.final_time_box),
     ):
-        found[name] = max(first - at, at - last, 0.0) / max(solution.final_time - solution.initial_time, 1e-300)
+        found[name] = max(first - at, at - last, 0.0) / max(
+            solution.final_time - solution.initial_time, 1e-300
+        )
     worst = max(found, key=lambda name: np.inf if np.isnan(found[name]) else found[name])
     return found[worst], worst
 
@@ -63,7 +71,9 @@ def end_miss(problem: Problem, solution: Solution, x: np.ndarray, scale: np.ndar
 def path_miss(
     problem: Problem, p: np.ndarray, scale: np.ndarray, t: Sequence[float], x: Sequence[np.ndarray]
 ) -> tuple[float, str]:
-    """Return the worst relative violation of the state constraints at the points looked at, and which it is."""
+    """Return the worst relative violation of the state constraints at the points looked at, and
+    which it is.
+    """
     if not problem.constraints:
         return 0.0, ""
     stack = column(c.expression for c in problem.constraints)
@@ -71,53 +81,80 @@ def path_miss(
     function = casadi.Function("c", [problem.x, time, problem.p], [stack, slopes])
     given = np.array(x).T, np.array(t)[None, :], np.repeat(p[:, None], len(t), axis=1)
     values, sizes = (each.full() for each in function.map(len(t))(*given))
-    # a constraint's magnitude is how much it changes when every state changes by its own, at worst along the way
+    # a constraint's magnitude is how much it changes when every state changes by its own, at worst
+    # along the way
     relative = values.max(axis=1) / np.where((largest := sizes.max(axis=1)) > 0, largest, 1.0)
     worst = int(np.argmax(relative))
     return max(float(relative[worst]), 0.0), problem.constraints[worst].name
 
 
 def objective_of(
-    problem: Problem, solution: Solution, motion: tuple[np.ndarray, np.ndarray, np.ndarray], scale: np.ndarray,
+    problem: Problem,
+    solution: Solution,
+    motion: tuple[np.ndarray, np.ndarray, np.ndarray],
+    scale: np.ndarray,
     running: float,
-) -> tuple[float, float]:  # fmt: skip
-    """Return the objective of a motion, and how far the returned one is from it, relative to its magnitude.
+) -> tuple[float, float]:
+    """Return the objective of a motion, and how far the returned one is from it, relative to its
+    magnitude.
 
-    The motion is times (n,), states (nx, n) and controls (nu, n) from start to end, with the integral of the running
-    cost. The magnitude is the sum of all terms by absolute value, and of what they change by when every state changes
-    by its own: a cost that the best motion takes to zero is not measured by its rounding.
+    The motion is times (n,), states (nx, n) and controls (nu, n) from start to end, with the
+    integral of the running cost. The magnitude is the sum of all terms by absolute value, and of
+    what they change by when every state changes by its own: a cost that the best motion takes to
+    zero is not measured by its rounding.
     """
     (t, x, u), p = motion, parameters_of(problem, solution)
     ends = solution.initial_time, solution.final_time
-    mayer = casadi.Function("mayer", [problem.x, problem.x0, problem.p, initial_time, final_time], [problem.mayer])
+    mayer = casadi.Function(
+        "mayer", [problem.x, problem.x0, problem.p, initial_time, final_time], [problem.mayer]
+    )
     cost = casadi.Function("cost", [problem.x, problem.u, time, problem.p], [problem.lagrangian])
 
     def last(states: np.ndarray) -> np.ndarray:
         return np.array(mayer(states, x[:, 0], p, *ends).full().ravel())
 
     def along(states: np.ndarray) -> np.ndarray:
-        return np.array(cost.map(t.size)(states, u, t[None, :], np.repeat(p[:, None], t.size, axis=1)).full().ravel())
+        return np.array(
+            cost.map(t.size)(states, u, t[None, :], np.repeat(p[:, None], t.size, axis=1))
+            .full()
+            .ravel()
+        )
 
     value = running + float(last(x[:, -1])[0])
     terms = _magnitude(along, x, scale[:, None])
-    size = float(np.sum(0.5 * (terms[1:] + terms[:-1]) * np.diff(t)) + _magnitude(last, x[:, -1], scale)[0])
+    size = float(
+        np.sum(0.5 * (terms[1:] + terms[:-1]) * np.diff(t)) + _magnitude(last, x[:, -1], scale)[0]
+    )
     off = abs(solution.objective - value)
     return value, off / max(size, 1e-300) if off == off else np.inf  # noqa: PLR0124 - nan is far from everything
 
 
 def running_size(problem: Problem, solution: Solution) -> float:
-    """Return the integral of the running cost's absolute value at the returned nodes, 1 where that is none."""
-    cost, n = casadi.Function("cost", [problem.x, problem.u, time, problem.p], [problem.lagrangian]), solution.t.size
+    """Return the integral of the running cost's absolute value at the returned nodes, 1 where that
+    is none.
+    """
+    cost, n = (
+        casadi.Function("cost", [problem.x, problem.u, time, problem.p], [problem.lagrangian]),
+        solution.t.size,
+    )
     given = np.repeat(parameters_of(problem, solution)[:, None], n, axis=1)
-    values = cost.map(n)(solution.rows("x"), solution.rows("u"), solution.t[None, :], given).full().ravel()
+    values = (
+        cost.map(n)(solution.rows("x"), solution.rows("u"), solution.t[None, :], given)
+        .full()
+        .ravel()
+    )
     found = float(np.nansum(0.5 * np.abs(values[1:] + values[:-1]) * np.diff(solution.t)))
     return found if 0.0 < found < np.inf else 1.0
 
 
-def _magnitude(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return a function's absolute value and, added, the least change when the states go up or down by their own.
+def _magnitude(
+    function: Callable[[np.ndarray], np.ndarray], x: np.ndarray, scale: np.ndarray
+) -> np.ndarray:
+    """Return a function's absolute value and, added, the least change when the states go up or down
+    by their own.
 
-    The lesser of the two: towards a pole, or where it grows exponentially, a function may change by any amount.
+    The lesser of the two: towards a pole, or where it grows exponentially, a function may change by
+    any amount.
     """
     here = function(x)
     change = np.fmin(np.abs(function(x + scale) - here), np.abs(function(x - scale) - here))
@@ -125,20 +162,27 @@ def _magnitude(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray, scal
 
 
 RTOL = 1e-10  # of DOP853; what is compared with it is seldom better than 1e-9
-_LOOKS = 20  # points looked at in every step: a parabola, which takes DOP853 one step, hides 1/400 of its height there
+# Points looked at in every step: a parabola, which takes DOP853 one step, hides 1/400 of its height
+# there
+_LOOKS = 20
 _GLANCES = 4  # the same on a short piece, over which nothing rises much
 _DIVERGED = 1e6  # times the problem's own magnitude: the state has left for good
-_SHORT = 1e-2  # a piece this short against the horizon is tried in one step: no time goes into choosing the first
+# A piece this short against the horizon is tried in one step: no time goes into choosing the first
+_SHORT = 1e-2
 
 Control = Callable[[float, np.ndarray], np.ndarray]  # (t, x (nx,)) -> u (nu,)
 
 
 def verify(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
-    """Integrate the control as a function of time and, where every arc has a law of the state, as feedback too.
+    """Integrate the control as a function of time and, where every arc has a law of the state, as
+    feedback too.
 
-    A solution keeps what was found for it: it is asked for more than once on the way to a certified word.
+    A solution keeps what was found for it: it is asked for more than once on the way to a certified
+    word.
     """
-    known: list[tuple[Problem, tuple[Feasibility, ...]]] = vars(solution).setdefault("_verified", [])
+    known: list[tuple[Problem, tuple[Feasibility, ...]]] = vars(solution).setdefault(
+        "_verified", []
+    )
     for posed, found in known:
         if posed is problem:
             return found
@@ -164,7 +208,9 @@ def _both(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
 @final
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """A stretch of time on which the control is smooth; `constant` (nu,) is the control where it does not vary."""
+    """A stretch of time on which the control is smooth; `constant` (nu,) is the control where it
+    does not vary.
+    """
 
     start: float
     end: float
@@ -182,7 +228,9 @@ def _time_pieces(arc: Arc) -> list[_Piece]:
             constant = values[:, 0]
             last = found[-1].constant if found else None
             if last is not None and (last == constant).all():
-                start = found.pop().start  # one integration over neighbours with one and the same control
+                start = (
+                    found.pop().start
+                )  # one integration over neighbours with one and the same control
             found.append(_Piece(start, end, _hold(constant), constant))
         else:
             found.append(_Piece(start, end, _polynomial(times, values)))
@@ -220,10 +268,14 @@ def _feedback(problem: Problem, arc: Arc, p: np.ndarray) -> Control:
 
 
 def fast(function: casadi.Function) -> Callable[..., np.ndarray]:
-    """Return a function of numpy arrays for a casadi function of one output column, ten times as quick to call."""
+    """Return a function of numpy arrays for a casadi function of one output column, ten times as
+    quick to call.
+    """
     inputs = [np.zeros(max(function.numel_in(i), 1)) for i in range(function.n_in())]
     output = np.zeros(max(function.numel_out(0), 1))
-    function = casadi.Function("dense", function.sx_in(), [casadi.densify(function(*function.sx_in()))])
+    function = casadi.Function(
+        "dense", function.sx_in(), [casadi.densify(function(*function.sx_in()))]
+    )
     buffer, trigger = function.buffer()
     for i, each in enumerate(inputs):
         buffer.set_arg(i, each.data)
@@ -260,7 +312,9 @@ class _Log:
         self.off = np.maximum(self.off, np.abs(x - claimed).max(axis=1, initial=0.0))
 
 
-def _verify(problem: Problem, solution: Solution, pieces: list[list[_Piece]], *, feedback: bool) -> Feasibility:
+def _verify(
+    problem: Problem, solution: Solution, pieces: list[list[_Piece]], *, feedback: bool
+) -> Feasibility:
     p, log = parameters_of(problem, solution), _Log()
     with np.errstate(all="ignore"):  # what overflows on the way ends as an error of the integration
         y, error = _travel(problem, solution, pieces, log)
@@ -271,16 +325,26 @@ def _verify(problem: Problem, solution: Solution, pieces: list[list[_Piece]], *,
         path, path_at = path_miss(problem, p, scale, log.t, log.x)
     box = box_miss(np.hstack([motion[2], *(arc.u for arc in solution.arcs)]), problem.box)
     return Feasibility(
-        miss=miss, miss_at=miss_at, path=path, path_at=path_at, box=box, drift=float(np.max(log.off / scale)),
-        feedback=feedback, end=tuple(x.tolist()), error=error, objective=math.nan if error else objective,
+        miss=miss,
+        miss_at=miss_at,
+        path=path,
+        path_at=path_at,
+        box=box,
+        drift=float(np.max(log.off / scale)),
+        feedback=feedback,
+        end=tuple(x.tolist()),
+        error=error,
+        objective=math.nan if error else objective,
         gap=gap,
-    )  # fmt: skip
+    )
 
 
 def _travel(
     problem: Problem, solution: Solution, pieces: list[list[_Piece]], log: _Log
-) -> tuple[np.ndarray, str]:  # fmt: skip
-    """Integrate motion and running cost over all pieces; returns both at the end and, where it breaks down, why."""
+) -> tuple[np.ndarray, str]:
+    """Integrate motion and running cost over all pieces; returns both at the end and, where it
+    breaks down, why.
+    """
     p = parameters_of(problem, solution)
     y = np.append(np.clip(solution.arcs[0].x[:, 0], *problem.start_box), 0.0)
     log.keep(solution.initial_time, y[:-1], pieces[0][0].control(solution.initial_time, y[:-1]))
@@ -294,19 +358,23 @@ def _travel(
     for arc, stretches in zip(solution.arcs, pieces, strict=True):
         log.compare(y[:-1, None], arc.x[:, :1])
         for piece in stretches:
-            y, error = _integrate(partial(_rate, flow, piece.control, p), (piece, arc), y, (scale, horizon), log)
+            y, error = _integrate(
+                partial(_rate, flow, piece.control, p), (piece, arc), y, (scale, horizon), log
+            )
             if error:
                 return y, error
     return y, ""
 
 
-def _rate(flow: Callable[..., np.ndarray], control: Control, p: np.ndarray, t: float, y: np.ndarray) -> np.ndarray:
+def _rate(
+    flow: Callable[..., np.ndarray], control: Control, p: np.ndarray, t: float, y: np.ndarray
+) -> np.ndarray:
     return flow(y[:-1], control(t, y[:-1]), t, p)
 
 
 def _integrate(
     rate: Control, on: tuple[_Piece, Arc], y: np.ndarray, size: tuple[np.ndarray, float], log: _Log
-) -> tuple[np.ndarray, str]:  # fmt: skip
+) -> tuple[np.ndarray, str]:
     """Integrate over one piece of an arc; returns the end and, where it breaks down, the reason."""
     (piece, arc), (scale, horizon) = on, size
     length = piece.end - piece.start
@@ -317,7 +385,10 @@ def _integrate(
     while solver.status == "running":
         message = solver.step()
         if solver.status == "failed" or not np.all(np.abs(solver.y[:-1]) <= _DIVERGED * scale[:-1]):
-            return solver.y, f"integration broke down at t = {solver.t:.6g}: {message or 'the state diverged'}"
+            return (
+                solver.y,
+                f"integration broke down at t = {solver.t:.6g}: {message or 'the state diverged'}",
+            )
         dense = solver.dense_output()
         for t in np.linspace(solver.t_old, solver.t, looks + 1)[1:].tolist():
             x = dense(t)[:-1]

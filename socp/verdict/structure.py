@@ -1,4 +1,6 @@
-"""Structure: read what kind of arc every control is on, and when it switches, off the values of a solution."""
+"""Structure: read what kind of arc every control is on, and when it switches, off the values of a
+solution.
+"""
 
 from itertools import groupby, pairwise
 
@@ -10,7 +12,8 @@ from socp.model import Arc, Constraint, Mode, Problem, Solution, column, time
 
 Stretch = tuple[str, float, float]  # (mode as a word spells it, start, end)
 
-# of the width of a control's box: an interior point ends about 1e-6 of it inside, ringing passes it only in flight
+# of the width of a control's box: an interior point ends about 1e-6 of it inside, ringing passes it
+# only in flight
 AT_BOUND = 1e-3
 # of the range of a state constraint's values on the solution: as near counts as on it
 ACTIVE = 1e-4
@@ -19,25 +22,34 @@ _FITS = 1e-2
 
 
 def structure_of(problem: Problem, solution: Solution) -> dict[str, tuple[Stretch, ...]]:
-    """Return every control's stretches in time; arcs that follow a law carry their own mode, other values are read.
+    """Return every control's stretches in time; arcs that follow a law carry their own mode, other
+    values are read.
 
-    A single interval between two stretches of different kinds holds the switch: it is placed where the integral of the
-    control over the interval is kept.
+    A single interval between two stretches of different kinds holds the switch: it is placed where
+    the integral of the control over the interval is kept.
     """
     found = {}
     for i, name in enumerate(problem.control_names):
         stretches: list[Stretch] = []
         for arc in solution.arcs:
             law = arc.modes[i]
-            stretches += _read(problem, solution, arc, i) if law == "*" else [(law, float(arc.t[0]), float(arc.t[-1]))]
+            stretches += (
+                _read(problem, solution, arc, i)
+                if law == "*"
+                else [(law, float(arc.t[0]), float(arc.t[-1]))]
+            )
         found[name] = _joined(stretches)
     return found
 
 
-def misfit(problem: Problem, solution: Solution, control: int, mode: Mode, t: np.ndarray) -> np.ndarray:
-    """Return how badly a control fits a mode at times t (n,): 0 for a perfect fit, 1 for the far end of its box.
+def misfit(
+    problem: Problem, solution: Solution, control: int, mode: Mode, t: np.ndarray
+) -> np.ndarray:
+    """Return how badly a control fits a mode at times t (n,): 0 for a perfect fit, 1 for the far
+    end of its box.
 
-    A control at a bound fits a singular mode by half, as one inside the box fits a boundary mode off the constraint.
+    A control at a bound fits a singular mode by half, as one inside the box fits a boundary mode
+    off the constraint.
     """
     low, high = problem.box[:, control]
     share = np.clip((solution.at(t, "u")[control] - low) / (high - low), 0.0, 1.0)
@@ -59,12 +71,16 @@ def constraint_values(
 ) -> np.ndarray:
     """Evaluate a state constraint at times t (n,) and states x (nx, n); returns (n,)."""
     p = column(solution.parameters[name] for name in problem.parameter_names)
-    function = casadi.Function("c", [problem.x, time], [casadi.substitute(constraint.expression, problem.p, p)])
+    function = casadi.Function(
+        "c", [problem.x, time], [casadi.substitute(constraint.expression, problem.p, p)]
+    )
     return np.array(function.map(t.size)(x, t[None, :]).full().ravel())
 
 
 def _read(problem: Problem, solution: Solution, arc: Arc, i: int) -> list[Stretch]:
-    """Return the stretches of control i on an arc whose control was free, one label an interval, then merged."""
+    """Return the stretches of control i on an arc whose control was free, one label an interval,
+    then merged.
+    """
     low, high = problem.box[:, i]
     ends = arc.t[arc.mesh]
     mean = np.array([arc.u[i, arc.nodes(k, "u")].mean() for k in range(len(arc.mesh) - 1)])
@@ -76,7 +92,8 @@ def _read(problem: Problem, solution: Solution, arc: Arc, i: int) -> list[Stretc
     labels[(mean < low + near) & (spread < near)] = "-"
     labels[(mean > high - near) & (spread < near)] = "+"
     runs = [
-        (str(label), [k for k, _ in group]) for label, group in groupby(enumerate(labels), key=lambda pair: pair[1])
+        (str(label), [k for k, _ in group])
+        for label, group in groupby(enumerate(labels), key=lambda pair: pair[1])
     ]
     stretches: list[Stretch] = []
     start = float(ends[0])
@@ -90,7 +107,11 @@ def _read(problem: Problem, solution: Solution, arc: Arc, i: int) -> list[Stretc
             and runs[place - 1][0] != runs[place + 1][0]
         ):
             before, after = mean[intervals[0] - 1], mean[last + 1]
-            share = np.clip((mean[last] - after) / (before - after), 0.0, 1.0) if before != after else 0.5
+            share = (
+                np.clip((mean[last] - after) / (before - after), 0.0, 1.0)
+                if before != after
+                else 0.5
+            )
             switch = float(ends[last] + share * (ends[last + 1] - ends[last]))
             mode, begin, _ = stretches.pop()
             stretches.append((mode, begin, switch))

@@ -1,7 +1,8 @@
-"""Exports of a solution: its values at the nodes as CSV, NetCDF, MAT and Parquet files and as an xarray Dataset.
+"""Exports of a solution: its values at the nodes as CSV, NetCDF, MAT and Parquet files and as an
+xarray Dataset.
 
-All of them hold the numbers bit for bit. With the problem at hand they hold units, switching functions and the
-Hamiltonian as well.
+All of them hold the numbers bit for bit. With the problem at hand they hold units, switching
+functions and the Hamiltonian as well.
 """
 
 import csv
@@ -21,7 +22,9 @@ if TYPE_CHECKING:
 
 def units(problem: "Problem | None") -> dict[str, str]:
     """Return the units of a problem by name, that of time under `time`; empty without a problem."""
-    found = {} if problem is None else {symbol.name(): unit for symbol, unit in problem.units.items()}
+    found = (
+        {} if problem is None else {symbol.name(): unit for symbol, unit in problem.units.items()}
+    )
     for name in ("tf", "t0", "t"):
         if name in found:
             found["time"] = found.pop(name)
@@ -31,31 +34,43 @@ def units(problem: "Problem | None") -> dict[str, str]:
 def attributes(solution: "Solution") -> dict[str, Any]:
     """Return what is known of a solution as a whole, as texts, numbers and lists of numbers."""
     return {
-        "problem": solution.problem, "method": solution.method, "objective": solution.objective,
-        "stop": solution.stop.name, "word": solution.word, "switches": solution.switches,
-        "initial_time": solution.initial_time, "final_time": solution.final_time,
-        "options": json.dumps(dict(solution.options)), "versions": json.dumps(dict(solution.versions)),
+        "problem": solution.problem,
+        "method": solution.method,
+        "objective": solution.objective,
+        "stop": solution.stop.name,
+        "word": solution.word,
+        "switches": solution.switches,
+        "initial_time": solution.initial_time,
+        "final_time": solution.final_time,
+        "options": json.dumps(dict(solution.options)),
+        "versions": json.dumps(dict(solution.versions)),
         "extremal": {None: "not judged", True: "yes", False: "no"}[solution.extremal],
-    }  # fmt: skip
+    }
 
 
 def to_xarray(solution: "Solution", problem: "Problem | None" = None) -> Any:
     """Return an xarray.Dataset over the dimensions node, state, control, constraint and parameter.
 
-    Variables: states and costates (state, node), controls (control, node), multipliers (constraint, node), parameters
-    (parameter); with the problem switching_functions (control, node) and hamiltonian (node) too. `time` and `arc` are
-    coordinates of node: a switching time stands twice, once on either arc. Units are attributes: of `time` as such, of
-    the others as "x: m, y: m".
+    Variables: states and costates (state, node), controls (control, node), multipliers (constraint,
+    node), parameters (parameter); with the problem switching_functions (control, node) and
+    hamiltonian (node) too. `time` and `arc` are coordinates of node: a switching time stands twice,
+    once on either arc. Units are attributes: of `time` as such, of the others as "x: m, y: m".
 
     Raises MethodError where xarray is not installed.
     """
     xarray = errors.load("xarray", "export", "an xarray Dataset")
     named, values = _blocks(solution, problem), {}
     known = units(problem)
-    names = {"state": solution.state_names, "control": solution.control_names, "parameter": tuple(solution.parameters)}
+    names = {
+        "state": solution.state_names,
+        "control": solution.control_names,
+        "parameter": tuple(solution.parameters),
+    }
     names["constraint"] = tuple(_multipliers(solution))
     for name, (dimensions, array) in named.items():
-        carried = names.get(dimensions[0], ()) if name in {"states", "controls", "parameters"} else ()
+        carried = (
+            names.get(dimensions[0], ()) if name in {"states", "controls", "parameters"} else ()
+        )
         text = ", ".join(f"{each}: {known[each]}" for each in carried if each in known)
         values[name] = (dimensions, array, {"units": text} if text else {})
     coordinates: dict[str, Any] = {kind: list(each) for kind, each in names.items() if each}
@@ -65,12 +80,18 @@ def to_xarray(solution: "Solution", problem: "Problem | None" = None) -> Any:
 
 
 def table(solution: "Solution", problem: "Problem | None" = None) -> dict[str, np.ndarray]:
-    """Return the columns of a flat table by name, one row a node: time, arc, states, controls and what else is known.
+    """Return the columns of a flat table by name, one row a node: time, arc, states, controls and
+    what else is known.
 
-    Costates are named `lambda_x`, switching functions `sigma_r`, the Hamiltonian `H`, densities of the multipliers of
-    state constraints `mu_u.upper`; a name that is taken gets underscores.
+    Costates are named `lambda_x`, switching functions `sigma_r`, the Hamiltonian `H`, densities of
+    the multipliers of state constraints `mu_u.upper`; a name that is taken gets underscores.
     """
-    prefixes = {"states": "", "controls": "", "costates": "lambda_", "switching_functions": "sigma_"}
+    prefixes = {
+        "states": "",
+        "controls": "",
+        "costates": "lambda_",
+        "switching_functions": "sigma_",
+    }
     names = {"state": solution.state_names, "control": solution.control_names}
     columns: dict[str, np.ndarray] = {"time": solution.t, "arc": _arcs(solution)}
 
@@ -100,21 +121,30 @@ def to_csv(solution: "Solution", problem: "Problem | None" = None) -> bytes:
     writer.writerow([f"{name} [{known[name]}]" if name in known else name for name in columns])
     arc = list(columns).index("arc")
     for row in zip(*columns.values(), strict=True):
-        writer.writerow([str(int(value)) if k == arc else f"{value:.17g}" for k, value in enumerate(row)])
+        writer.writerow(
+            [str(int(value)) if k == arc else f"{value:.17g}" for k, value in enumerate(row)]
+        )
     return file.getvalue().encode()
 
 
 def to_parquet(solution: "Solution", problem: "Problem | None" = None) -> bytes:
-    """Return a table in Parquet, with units as metadata of its columns and facts about the solution as its own."""
+    """Return a table in Parquet, with units as metadata of its columns and facts about the solution
+    as its own.
+    """
     arrow = errors.load("pyarrow", "export", "format parquet")
     parquet = errors.load("pyarrow.parquet", "export", "format parquet")
     columns, known = table(solution, problem), units(problem)
     meta = {name: {"units": known[name]} if name in known else {} for name in columns}
-    fields = [arrow.field(k, arrow.from_numpy_dtype(v.dtype), metadata=meta[k]) for k, v in columns.items()]
+    fields = [
+        arrow.field(k, arrow.from_numpy_dtype(v.dtype), metadata=meta[k])
+        for k, v in columns.items()
+    ]
     facts = {**attributes(solution), "parameters": dict(solution.parameters)}
     schema = arrow.schema(fields, metadata={"socp": json.dumps(facts)})
     file = io.BytesIO()
-    parquet.write_table(arrow.table([arrow.array(each) for each in columns.values()], schema=schema), file)
+    parquet.write_table(
+        arrow.table([arrow.array(each) for each in columns.values()], schema=schema), file
+    )
     return file.getvalue()
 
 
@@ -122,16 +152,18 @@ def to_netcdf(solution: "Solution", problem: "Problem | None" = None) -> bytes:
     """Return the dataset of `to_xarray` as a NetCDF 3 file."""
     errors.load("xarray", "export", "format netcdf")
     dataset = to_xarray(solution, problem)
-    dataset.attrs = {name: value for name, value in dataset.attrs.items() if not isinstance(value, list) or value}
+    dataset.attrs = {
+        name: value for name, value in dataset.attrs.items() if not isinstance(value, list) or value
+    }
     return bytes(dataset.to_netcdf(None, engine="scipy", format="NETCDF3_64BIT"))
 
 
 def to_mat(solution: "Solution", problem: "Problem | None" = None) -> bytes:
     """Return a MAT 5 file with a struct `result`, laid out as users of GPOPS-II know it.
 
-    `result.solution.phase(i)` has an arc's time (n, 1), state (n, nx), control (n, nu) and costate (n, nx), a node a
-    row, and `modes`, one text a control; `result.solution.parameter` (1, np); `result.objective`. `result.names` and
-    `result.units` hold the names and units of the columns.
+    `result.solution.phase(i)` has an arc's time (n, 1), state (n, nx), control (n, nu) and costate
+    (n, nx), a node a row, and `modes`, one text a control; `result.solution.parameter` (1, np);
+    `result.objective`. `result.names` and `result.units` hold the names and units of the columns.
     """
     from scipy.io import savemat
 
@@ -140,14 +172,22 @@ def to_mat(solution: "Solution", problem: "Problem | None" = None) -> bytes:
     for k, arc in enumerate(solution.arcs):
         phases[0, k] = (arc.t[:, None], arc.x.T, arc.u.T, arc.costate.T, _texts(arc.modes))
     names = {
-        "state": solution.state_names, "control": solution.control_names, "parameter": tuple(solution.parameters),
-    }  # fmt: skip
+        "state": solution.state_names,
+        "control": solution.control_names,
+        "parameter": tuple(solution.parameters),
+    }
     known = units(problem)
     result = {
-        "solution": {"phase": phases, "parameter": np.array([list(solution.parameters.values())], dtype=float)},
-        **attributes(solution), "names": {kind: _texts(each) for kind, each in names.items()},
-        "units": {kind: _texts([known.get(name, "") for name in each]) for kind, each in names.items()},
-    }  # fmt: skip
+        "solution": {
+            "phase": phases,
+            "parameter": np.array([list(solution.parameters.values())], dtype=float),
+        },
+        **attributes(solution),
+        "names": {kind: _texts(each) for kind, each in names.items()},
+        "units": {
+            kind: _texts([known.get(name, "") for name in each]) for kind, each in names.items()
+        },
+    }
     result["units"]["time"] = known.get("time", "")
     file = io.BytesIO()
     savemat(file, {"result": result}, oned_as="row", long_field_names=True)
@@ -155,10 +195,17 @@ def to_mat(solution: "Solution", problem: "Problem | None" = None) -> bytes:
 
 
 Writer = Callable[["Solution", "Problem | None"], bytes]
-WRITERS: Mapping[str, Writer] = {"csv": to_csv, "netcdf": to_netcdf, "mat": to_mat, "parquet": to_parquet}
+WRITERS: Mapping[str, Writer] = {
+    "csv": to_csv,
+    "netcdf": to_netcdf,
+    "mat": to_mat,
+    "parquet": to_parquet,
+}
 
 
-def _blocks(solution: "Solution", problem: "Problem | None") -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
+def _blocks(
+    solution: "Solution", problem: "Problem | None"
+) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
     """Return the dimensions and values of all variables by name, those without a row left out."""
     found: dict[str, tuple[tuple[str, ...], np.ndarray]] = {
         "states": (("state", "node"), solution.rows("x")),
@@ -170,12 +217,17 @@ def _blocks(solution: "Solution", problem: "Problem | None") -> dict[str, tuple[
         found["switching_functions"] = (("control", "node"), along.switching)
         found["hamiltonian"] = (("node",), along.hamiltonian)
     found["multipliers"] = (("constraint", "node"), np.array(list(_multipliers(solution).values())))
-    found["parameters"] = (("parameter",), np.array(list(solution.parameters.values()), dtype=float))
+    found["parameters"] = (
+        ("parameter",),
+        np.array(list(solution.parameters.values()), dtype=float),
+    )
     return {name: each for name, each in found.items() if each[1].size}
 
 
 def _multipliers(solution: "Solution") -> dict[str, np.ndarray]:
-    """Return the densities (n,) of all constraints' multipliers by name, nan on arcs that have none."""
+    """Return the densities (n,) of all constraints' multipliers by name, nan on arcs that have
+    none.
+    """
     names = dict.fromkeys(name for arc in solution.arcs for name in arc.multipliers)
 
     def values(name: str) -> Iterator[np.ndarray]:
@@ -187,7 +239,9 @@ def _multipliers(solution: "Solution") -> dict[str, np.ndarray]:
 
 def _arcs(solution: "Solution") -> np.ndarray:
     """Return the number of the arc of every node (n,), from 1."""
-    return np.repeat(np.arange(1, len(solution.arcs) + 1, dtype=np.int32), [arc.t.size for arc in solution.arcs])
+    return np.repeat(
+        np.arange(1, len(solution.arcs) + 1, dtype=np.int32), [arc.t.size for arc in solution.arcs]
+    )
 
 
 def _texts(names: Any) -> np.ndarray:

@@ -1,4 +1,6 @@
-"""What notebooks show of solutions, verdicts and problems: HTML with nothing in it that needs a network."""
+"""What notebooks show of solutions, verdicts and problems: HTML with nothing in it that needs a
+network.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import singledispatch
@@ -23,15 +25,25 @@ def html(thing: object) -> str:
 
 @html.register
 def solution_html(solution: Solution) -> str:
-    """Return a solution as HTML: its key figures, its arcs, its verdict in words, a figure if matplotlib is there."""
-    found = [("method", _text(solution.method)), *(("objective", text) for text in solution.headline)]
+    """Return a solution as HTML: its key figures, its arcs, its verdict in words, a figure if
+    matplotlib is there.
+    """
+    found = [
+        ("method", _text(solution.method)),
+        *(("objective", text) for text in solution.headline),
+    ]
     found.append(("time", f"{solution.initial_time:.12g} to {solution.final_time:.12g}"))
-    found += [("parameter", f"{_text(name)} = {value:.12g}") for name, value in solution.parameters.items()]
+    found += [
+        ("parameter", f"{_text(name)} = {value:.12g}")
+        for name, value in solution.parameters.items()
+    ]
     found += [(f"arcs of {_text(name)}", _arcs(row)) for name, row in solution.structure.items()]
     found.append(("stop", _text(solution.stop.value)))
     found.append(("verdict", "not judged" if solution.verdict is None else words(solution.verdict)))
     if solution.iterations:
-        found.append(("iterations", f"{solution.iterations}, {sum(solution.seconds.values()):.2f} s"))
+        found.append(
+            ("iterations", f"{solution.iterations}, {sum(solution.seconds.values()):.2f} s")
+        )
     return _framed(solution.problem, "", found) + _figure(solution)
 
 
@@ -41,14 +53,23 @@ def verdict_html(verdict: Verdict) -> str:
     found = [("verdict", words(verdict))]
     found += [("against it", _text(reason)) for reason in verdict.reasons]
     if verdict.extremal:
-        found.append(("objective", f"within {verdict.objective_error:.1e}: {verdict.digits} digits"))
+        found.append(
+            ("objective", f"within {verdict.objective_error:.1e}: {verdict.digits} digits")
+        )
     tables = (("Legendre-Clebsch", verdict.legendre_clebsch), ("bang margin", verdict.margins))
-    found += [(label, f"{_text(name)}: {value:.1e}") for label, table in tables for name, value in table.items()]
+    found += [
+        (label, f"{_text(name)}: {value:.1e}")
+        for label, table in tables
+        for name, value in table.items()
+    ]
     for t, error in verdict.switch_errors[:_MANY]:
         known = f"within {error:.1e}" if error < float("inf") else "not determined"
         found.append(("switch", f"{t:.12g}, {known}"))
     found += [("note", _text(note)) for note in verdict.notes]
-    head = f"<tr><th {_CELL}>condition</th><th {_CELL}>residual, at most {EXTREMAL:.0e}</th><th {_CELL}>where</th></tr>"
+    head = (
+        f"<tr><th {_CELL}>condition</th><th {_CELL}>residual, at most "
+        f"{EXTREMAL:.0e}</th><th {_CELL}>where</th></tr>"
+    )
     rows = "".join(
         f"<tr><td {_CELL}>{_text(each.condition)}</td><td {_CELL}>{each.residual:.1e}"
         f"{'' if each.holds else ', <b>broken</b>'}</td><td {_CELL}>{_text(each.where)}"
@@ -74,17 +95,29 @@ def words(verdict: Verdict) -> str:
     if not verdict.feasible:
         return f"not feasible: re-integration off by {verdict.miss:.1e}"
     if not verdict.findings:
-        return f"feasible: re-integration off by {verdict.miss:.1e}; not held against Pontryagin's principle"
+        return (
+            f"feasible: re-integration off by {verdict.miss:.1e}; not held against Pontryagin's "
+            "principle"
+        )
     rings = f"; {', '.join(map(_text, verdict.rings))} rings" if verdict.rings else ""
     if verdict.extremal:
-        return f"feasible, and an extremal of Pontryagin's principle: residual {verdict.residual:.1e}{rings}"
-    return f"feasible, but not an extremal of Pontryagin's principle: {_text(verdict.reasons[0])}{rings}"
+        return (
+            "feasible, and an extremal of Pontryagin's principle: residual "
+            f"{verdict.residual:.1e}{rings}"
+        )
+    return (
+        "feasible, but not an extremal of Pontryagin's principle: "
+        f"{_text(verdict.reasons[0])}{rings}"
+    )
 
 
 def _arcs(row: Sequence[tuple[str, float, float]]) -> str:
     if len(row) > _MANY:
         return f"{len(row)} arcs"
-    names = [f"{_MODES.get(mode, 'boundary' + _text(mode[1:].replace('[', ' ').rstrip(']')))}" for mode, _, _ in row]
+    names = [
+        f"{_MODES.get(mode, 'boundary' + _text(mode[1:].replace('[', ' ').rstrip(']')))}"
+        for mode, _, _ in row
+    ]
     ends = [f" <small>until {end:.10g}</small>, " for _, _, end in row[:-1]]
     return "".join(name + end for name, end in zip(names, [*ends, ""], strict=True))
 

@@ -1,4 +1,6 @@
-"""Expressions as a problem file writes them: Python's signs, no needless parentheses, multiples of pi by name."""
+"""Expressions as a problem file writes them: Python's signs, no needless parentheses, multiples of
+pi by name.
+"""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,24 +12,57 @@ import numpy as np
 from socp.model import Expr
 
 _INFIX = {  # operation -> sign, precedence
-    casadi.OP_LE: (" <= ", 1), casadi.OP_LT: (" < ", 1), casadi.OP_EQ: (" == ", 1), casadi.OP_NE: (" != ", 1),
-    casadi.OP_ADD: (" + ", 2), casadi.OP_SUB: (" - ", 2), casadi.OP_MUL: ("*", 3), casadi.OP_DIV: ("/", 3),
-    casadi.OP_POW: ("**", 5), casadi.OP_CONSTPOW: ("**", 5),
-}  # fmt: skip
+    casadi.OP_LE: (" <= ", 1),
+    casadi.OP_LT: (" < ", 1),
+    casadi.OP_EQ: (" == ", 1),
+    casadi.OP_NE: (" != ", 1),
+    casadi.OP_ADD: (" + ", 2),
+    casadi.OP_SUB: (" - ", 2),
+    casadi.OP_MUL: ("*", 3),
+    casadi.OP_DIV: ("/", 3),
+    casadi.OP_POW: ("**", 5),
+    casadi.OP_CONSTPOW: ("**", 5),
+}
 _CALLS = {
     getattr(casadi, f"OP_{name.upper()}"): name
     for name in (
-        "exp", "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh",
-        "atanh", "fabs", "sign", "floor", "ceil", "erf", "fmin", "fmax", "atan2", "fmod", "log1p", "expm1", "hypot",
+        "exp",
+        "log",
+        "sqrt",
+        "sin",
+        "cos",
+        "tan",
+        "asin",
+        "acos",
+        "atan",
+        "sinh",
+        "cosh",
+        "tanh",
+        "asinh",
+        "acosh",
+        "atanh",
+        "fabs",
+        "sign",
+        "floor",
+        "ceil",
+        "erf",
+        "fmin",
+        "fmax",
+        "atan2",
+        "fmod",
+        "log1p",
+        "expm1",
+        "hypot",
     )
-}  # fmt: skip
+}
 _ATOM, _UNARY, _PRODUCT = 9, 4, 3
 _OPPOSITE = {casadi.OP_ADD: " - ", casadi.OP_SUB: " + "}
 _DENOMINATORS = (1, 2, 3, 4, 6)
 
 
 def formula(expression: Expr) -> str:
-    """Return an expression (1, 1), or a relation of two, as text; what has no sign here is left to casadi.
+    """Return an expression (1, 1), or a relation of two, as text; what has no sign here is left to
+    casadi.
 
     So is an expression that is nested too deeply to be walked through.
     """
@@ -43,7 +78,11 @@ def number(value: float) -> str:
         times = value / math.pi * denominator
         if times and abs(times) < 13 and abs(times - round(times)) < 1e-13 * abs(times):
             sign, count = "-" if times < 0 else "", abs(round(times))
-            return sign + ("pi" if count == 1 else f"{count}*pi") + ("" if denominator == 1 else f"/{denominator}")
+            return (
+                sign
+                + ("pi" if count == 1 else f"{count}*pi")
+                + ("" if denominator == 1 else f"/{denominator}")
+            )
     return f"{value:.12g}"
 
 
@@ -51,7 +90,9 @@ def _write(expression: Any) -> tuple[str, int]:
     """Return the text of an expression and how tightly its outermost operation binds."""
     if expression.is_constant():
         value = float(expression)
-        return number(value), _UNARY if value < 0 else _ATOM if "/" not in number(value) else _PRODUCT
+        return number(value), _UNARY if value < 0 else _ATOM if "/" not in number(
+            value
+        ) else _PRODUCT
     if expression.is_symbolic():
         return expression.name(), _ATOM
     operation = expression.op()
@@ -99,7 +140,12 @@ def _inverted(inner: Any) -> tuple[str, int]:
     return f"1/{_held(inner, _PRODUCT + 1)}", _PRODUCT
 
 
-_SPECIAL = {casadi.OP_NEG: _negated, casadi.OP_SQ: _squared, casadi.OP_TWICE: _doubled, casadi.OP_INV: _inverted}
+_SPECIAL = {
+    casadi.OP_NEG: _negated,
+    casadi.OP_SQ: _squared,
+    casadi.OP_TWICE: _doubled,
+    casadi.OP_INV: _inverted,
+}
 
 
 if TYPE_CHECKING:
@@ -113,12 +159,19 @@ def stated(problem: "Problem") -> Iterator[Line]:
     terms = [formula(problem.minimise)] if problem.minimise is not None else []
     terms += [f"integral of {formula(problem.running)}"] if problem.running is not None else []
     yield "minimise", " + ".join(terms)
-    yield from (("dynamics", f"{state}' = {formula(rate)}") for state, rate in problem.dynamics.items())
+    yield from (
+        ("dynamics", f"{state}' = {formula(rate)}") for state, rate in problem.dynamics.items()
+    )
     yield from _intervals(problem)
     for label in ("target", "path"):
-        yield from ((label, f"{name}: {formula(relation)}") for name, relation in getattr(problem, label).items())
+        yield from (
+            (label, f"{name}: {formula(relation)}")
+            for name, relation in getattr(problem, label).items()
+        )
     given = problem.singular.items()
-    yield from (("given law", f"{control} = {formula(law)} where singular") for control, law in given)
+    yield from (
+        ("given law", f"{control} = {formula(law)} where singular") for control, law in given
+    )
     yield from _boundary(problem)
 
 
@@ -129,7 +182,11 @@ def notes(problem: "Problem") -> Iterator[Line]:
 
 
 def _intervals(problem: "Problem") -> Iterator[Line]:
-    boxes = (("control", problem.box), ("state", problem.state_box), ("parameter", problem.parameter_box))
+    boxes = (
+        ("control", problem.box),
+        ("state", problem.state_box),
+        ("parameter", problem.parameter_box),
+    )
     for kind, box in boxes:
         yield from ((kind, text) for text in _box(getattr(problem, f"{kind}_names"), box))
     for label, box in (("start", problem.start_box), ("end", problem.end_box)):
@@ -139,11 +196,15 @@ def _intervals(problem: "Problem") -> Iterator[Line]:
 
 
 def _box(names: Sequence[str], box: np.ndarray) -> list[str]:
-    """Return the intervals of names (n,) with bounds (2, n), those that are free together at the end."""
+    """Return the intervals of names (n,) with bounds (2, n), those that are free together at the
+    end.
+    """
     bounded = np.isfinite(box).any(axis=0)
     free = ", ".join(name for name, its in zip(names, bounded, strict=True) if not its)
     pairs = zip(names, box.T, bounded, strict=True)
-    return [_interval(name, *pair) for name, pair, its in pairs if its] + ([f"{free} free"] if free else [])
+    return [_interval(name, *pair) for name, pair, its in pairs if its] + (
+        [f"{free} free"] if free else []
+    )
 
 
 def _interval(name: str, low: float, high: float) -> str:
@@ -157,7 +218,9 @@ def _interval(name: str, low: float, high: float) -> str:
 def _boundary(problem: "Problem") -> Iterator[Line]:
     for control, laws in problem.boundary.items():
         if isinstance(laws, Mapping):
-            yield from (("given law", f"{control} = {formula(law)} on {name}") for name, law in laws.items())
+            yield from (
+                ("given law", f"{control} = {formula(law)} on {name}") for name, law in laws.items()
+            )
         else:
             yield "given law", f"{control} = {formula(laws)} on the boundary"
 

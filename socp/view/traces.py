@@ -1,4 +1,6 @@
-"""Values along a solution for whoever looks at it: states, controls, costates, switching functions, Hamiltonian."""
+"""Values along a solution for whoever looks at it: states, controls, costates, switching functions,
+Hamiltonian.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,17 +13,22 @@ from socp.model import Arc, lagrange
 if TYPE_CHECKING:
     from socp.model import Problem, Solution
 
-_FINEST, _LEAST = 200, 40  # points an interval at most, steps an arc at least: enough to look smooth
+_FINEST, _LEAST = (
+    200,
+    40,
+)  # points an interval at most, steps an arc at least: enough to look smooth
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Traces:
-    """Values at times t (n,) along a solution, in the problem's units; a time at which something jumps stands twice.
+    """Values at times t (n,) along a solution, in the problem's units; a time at which something
+    jumps stands twice.
 
-    arc (n,): index of the arc; x (nx, n), u (nu, n), costate (nx, n); switching (nu, n): sigma = dH/du; hamiltonian
-    (n,); by name of the state constraint: `constraints` c <= 0 (n,) and the densities `multipliers` (n,). What is not
-    known is nan: costates that the method does not give, and whatever follows from them.
+    arc (n,): index of the arc; x (nx, n), u (nu, n), costate (nx, n); switching (nu, n): sigma =
+    dH/du; hamiltonian (n,); by name of the state constraint: `constraints` c <= 0 (n,) and the
+    densities `multipliers` (n,). What is not known is nan: costates that the method does not give,
+    and whatever follows from them.
     """
 
     t: np.ndarray
@@ -36,27 +43,44 @@ class Traces:
 
 
 def traces(problem: "Problem | None", solution: "Solution") -> Traces:
-    """Return the values at the nodes of a solution, `solution.t`; without a problem what only it can tell is nan."""
+    """Return the values at the nodes of a solution, `solution.t`; without a problem what only it
+    can tell is nan.
+    """
     arcs, names = solution.arcs, _constrained(problem)
-    own = [{name: arc.multipliers.get(name, np.full(arc.t.size, np.nan)) for name in names} for arc in arcs]
+    own = [
+        {name: arc.multipliers.get(name, np.full(arc.t.size, np.nan)) for name in names}
+        for arc in arcs
+    ]
     multipliers = {name: np.concatenate([each[name] for each in own]) for name in names}
     arc = np.repeat(np.arange(len(arcs)), [each.t.size for each in arcs])
     x, u, costate = (solution.rows(which) for which in ("x", "u", "costate"))
-    return _completed(problem, solution, {"t": solution.t, "arc": arc, "x": x, "u": u, "costate": costate}, multipliers)
+    return _completed(
+        problem,
+        solution,
+        {"t": solution.t, "arc": arc, "x": x, "u": u, "costate": costate},
+        multipliers,
+    )
 
 
 def sampled(problem: "Problem | None", solution: "Solution", points: int = 1000) -> Traces:
-    """Return the values of the polynomials of a solution at about `points` times, the ends of all intervals twice.
+    """Return the values of the polynomials of a solution at about `points` times, the ends of all
+    intervals twice.
 
-    So a control that jumps where two intervals meet has both of its values there. Short arcs have `_LEAST` steps too.
+    So a control that jumps where two intervals meet has both of its values there. Short arcs have
+    `_LEAST` steps too.
     """
     step = (solution.final_time - solution.initial_time) / points
     parts = [_sampled(arc, min(step, float(np.ptp(arc.t)) / _LEAST)) for arc in solution.arcs]
-    found = {name: np.concatenate([part[name] for part in parts], axis=-1) for name in ("t", "x", "u", "costate")}
+    found = {
+        name: np.concatenate([part[name] for part in parts], axis=-1)
+        for name in ("t", "x", "u", "costate")
+    }
     found["arc"] = np.repeat(np.arange(len(parts)), [part["t"].size for part in parts])
     pairs = list(zip(solution.arcs, parts, strict=True))
     multipliers = {
-        name: np.concatenate([_density(arc, name, part["t"], part["middle"]) for arc, part in pairs])
+        name: np.concatenate(
+            [_density(arc, name, part["t"], part["middle"]) for arc, part in pairs]
+        )
         for name in _constrained(problem)
     }
     return _completed(problem, solution, found, multipliers)
@@ -67,16 +91,29 @@ def _constrained(problem: "Problem | None") -> list[str]:
 
 
 def _sampled(arc: Arc, step: float) -> dict[str, np.ndarray]:
-    """Return t (n,), x, u and costate (rows, n) of an arc at steps of about `step`, both ends of every interval."""
+    """Return t (n,), x, u and costate (rows, n) of an arc at steps of about `step`, both ends of
+    every interval.
+    """
     ends = arc.t[arc.mesh]
-    counts = [int(np.clip(np.ceil(length / max(step, 1e-300)) + 1, 2, _FINEST)) for length in np.diff(ends)]
-    t = np.concatenate([np.linspace(a, b, n) for a, b, n in zip(ends[:-1], ends[1:], counts, strict=True)])
+    counts = [
+        int(np.clip(np.ceil(length / max(step, 1e-300)) + 1, 2, _FINEST))
+        for length in np.diff(ends)
+    ]
+    t = np.concatenate(
+        [np.linspace(a, b, n) for a, b, n in zip(ends[:-1], ends[1:], counts, strict=True)]
+    )
     middle = np.repeat(0.5 * (ends[:-1] + ends[1:]), counts)  # an interval's own side of its ends
-    return {"t": t, "middle": middle, **{which: arc.at(t, which, middle) for which in ("x", "u", "costate")}}
+    return {
+        "t": t,
+        "middle": middle,
+        **{which: arc.at(t, which, middle) for which in ("x", "u", "costate")},
+    }
 
 
 def _density(arc: Arc, name: str, t: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """Return the density of a multiplier at times t (n,): on every interval through the nodes that have one."""
+    """Return the density of a multiplier at times t (n,): on every interval through the nodes that
+    have one.
+    """
     values = arc.multipliers.get(name, np.full(arc.t.size, np.nan))
     out, k = np.full(t.size, np.nan), np.searchsorted(arc.t[arc.mesh], middle, side="right") - 1
     for interval in range(len(arc.mesh) - 1):
@@ -88,7 +125,10 @@ def _density(arc: Arc, name: str, t: np.ndarray, middle: np.ndarray) -> np.ndarr
 
 
 def _completed(
-    problem: "Problem | None", solution: "Solution", found: dict[str, Any], multipliers: Mapping[str, np.ndarray]
+    problem: "Problem | None",
+    solution: "Solution",
+    found: dict[str, Any],
+    multipliers: Mapping[str, np.ndarray],
 ) -> Traces:
     """Work out what follows from states, controls and costates."""
     if problem is None:
@@ -101,9 +141,25 @@ def _completed(
     p = np.array([solution.parameters[name] for name in problem.parameter_names], dtype=float)
     constraints = column(each.expression for each in problem.constraints)
     symbols = [problem.x, problem.u, problem.costate, time, problem.p]
-    results = [casadi.densify(each) for each in (problem.switching, problem.hamiltonian, constraints)]
+    results = [
+        casadi.densify(each) for each in (problem.switching, problem.hamiltonian, constraints)
+    ]
     n = found["t"].size
-    given: list[Any] = [found["x"], found["u"], found["costate"], found["t"][None, :], np.repeat(p[:, None], n, axis=1)]
-    switching, hamiltonian, c = (each.full() for each in casadi.Function("along", symbols, results).map(n)(*given))
+    given: list[Any] = [
+        found["x"],
+        found["u"],
+        found["costate"],
+        found["t"][None, :],
+        np.repeat(p[:, None], n, axis=1),
+    ]
+    switching, hamiltonian, c = (
+        each.full() for each in casadi.Function("along", symbols, results).map(n)(*given)
+    )
     named = {each.name: c.reshape(-1, n)[k] for k, each in enumerate(problem.constraints)}
-    return Traces(**found, switching=switching, hamiltonian=hamiltonian[0], constraints=named, multipliers=multipliers)
+    return Traces(
+        **found,
+        switching=switching,
+        hamiltonian=hamiltonian[0],
+        constraints=named,
+        multipliers=multipliers,
+    )

@@ -20,14 +20,18 @@ _TOLD = 4  # reasons told in a report; `socp check` tells them all
 
 @click.command(short_help="Judge a saved result by Pontryagin's principle.")
 @click.argument("result", metavar="RESULT")
-@click.option("--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: that of the result]")
+@click.option(
+    "--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: that of the result]"
+)
 @click.option("--json", "as_json", is_flag=True, help="Write the verdict as JSON.")
 @click.pass_obj
 def check(session: Session, /, result: str, problem: str | None, as_json: bool) -> int:
-    """Judge a saved result: whether it is feasible, whether it is an extremal of Pontryagin's principle, how clearly.
+    """Judge a saved result: whether it is feasible, whether it is an extremal of Pontryagin's
+    principle, how clearly.
 
-    Everything is worked out anew from the problem that the result carries, as data, and from its states and controls.
-    Exit code 0 if the result is certified as an extremal, 1 if it is not or cannot be read.
+    Everything is worked out anew from the problem that the result carries, as data, and from its
+    states and controls. Exit code 0 if the result is certified as an extremal, 1 if it is not or
+    cannot be read.
     """
     from socp.verdict import judge
 
@@ -47,7 +51,10 @@ def check(session: Session, /, result: str, problem: str | None, as_json: bool) 
 
 def plain(verdict: "Verdict") -> dict[str, Any]:
     """Return a verdict as plain values, what follows from them included."""
-    derived = {name: getattr(verdict, name) for name in ("feasible", "extremal", "residual", "reasons", "rings")}
+    derived = {
+        name: getattr(verdict, name)
+        for name in ("feasible", "extremal", "residual", "reasons", "rings")
+    }
     return {**derived, **asdict(verdict)}
 
 
@@ -58,14 +65,25 @@ def lines(verdict: "Verdict", told: int = _TOLD) -> list[Text]:
     margin = f"re-integration off by {verdict.miss:.1e} (allowed {FEASIBLE:.0e})"
     found = [_answer(verdict.feasible, "feasible", margin)]
     if verdict.findings:
-        found.append(_answer(verdict.extremal, "extremal", f"residual {verdict.residual:.1e} (allowed {EXTREMAL:.0e})"))
+        found.append(
+            _answer(
+                verdict.extremal,
+                "extremal",
+                f"residual {verdict.residual:.1e} (allowed {EXTREMAL:.0e})",
+            )
+        )
     found += [Text(f"  {reason}", "red") for reason in verdict.reasons[:told]]
     if len(verdict.reasons) > told:
         found.append(Text(f"  and {len(verdict.reasons) - told} more reasons; see socp check"))
     if verdict.extremal:
-        found.append(Text(f"objective within {verdict.objective_error:.1e}: {verdict.digits} digits"))
+        found.append(
+            Text(f"objective within {verdict.objective_error:.1e}: {verdict.digits} digits")
+        )
     if verdict.rings:
-        ratios = [f"{name} varies {verdict.ringing[name]:.3g} times as much as its mean" for name in verdict.rings]
+        ratios = [
+            f"{name} varies {verdict.ringing[name]:.3g} times as much as its mean"
+            for name in verdict.rings
+        ]
         found.append(Text(f"ringing: {', '.join(ratios)}", "yellow"))
     return [*found, *(Text(note, "yellow") for note in verdict.notes)]
 
@@ -78,14 +96,25 @@ def details(verdict: "Verdict") -> Table:
     for k, line in enumerate(lines(verdict, len(verdict.reasons))):
         grid.add_row("verdict" if k == 0 else "", line)
     for k, finding in enumerate(verdict.findings):
-        grid.add_row("conditions" if k == 0 else "", Text(str(finding), "" if finding.holds else "red"))
+        grid.add_row(
+            "conditions" if k == 0 else "", Text(str(finding), "" if finding.holds else "red")
+        )
     if verdict.distance is not None:
         grid.add_row("distance", f"no multipliers leave less than {verdict.distance:.1e} at worst")
     rows = [
-        ("Legendre-Clebsch", [f"{name}: {value:.1e}" for name, value in verdict.legendre_clebsch.items()]),
+        (
+            "Legendre-Clebsch",
+            [f"{name}: {value:.1e}" for name, value in verdict.legendre_clebsch.items()],
+        ),
         ("bang margins", [f"{name}: {value:.1e}" for name, value in verdict.margins.items()]),
         ("normality", [f"{verdict.normality:.1e}"]),
-        ("variation", [f"{name}: {value:.3g} times that of its mean" for name, value in verdict.ringing.items()]),
+        (
+            "variation",
+            [
+                f"{name}: {value:.3g} times that of its mean"
+                for name, value in verdict.ringing.items()
+            ],
+        ),
         ("switches", [f"{t:.12g}, {within(error)}" for t, error in verdict.switch_errors]),
     ]
     for label, texts in rows:
@@ -95,9 +124,13 @@ def details(verdict: "Verdict") -> Table:
 
 
 def within(error: float) -> str:
-    """Return the error of a switching time as text; an infinite one belongs to a time that is not determined."""
+    """Return the error of a switching time as text; an infinite one belongs to a time that is not
+    determined.
+    """
     return f"within {error:.1e}" if math.isfinite(error) else "not determined"
 
 
 def _answer(holds: bool, what: str, margin: str) -> Text:
-    return Text.assemble((what if holds else f"not {what}", "green" if holds else "red"), f": {margin}")
+    return Text.assemble(
+        (what if holds else f"not {what}", "green" if holds else "red"), f": {margin}"
+    )

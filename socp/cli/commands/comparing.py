@@ -43,7 +43,9 @@ class Row:
     @property
     def interrupted(self) -> bool:
         """Whether the solve was interrupted, or its judgement."""
-        return self.solution is not None and (self.solution.verdict is None or self.solution.stop.name == "INTERRUPTED")
+        return self.solution is not None and (
+            self.solution.verdict is None or self.solution.stop.name == "INTERRUPTED"
+        )
 
     @property
     def ok(self) -> bool:
@@ -53,19 +55,36 @@ class Row:
 
 @click.command(short_help="Solve a problem with several methods and print one table.")
 @click.argument("problem", metavar="FILE_OR_NAME")
-@click.option("-m", "--method", "names", multiple=True, required=True, metavar="NAME", help="Method; give several.")
-@click.option("-o", "--option", "given", multiple=True, metavar="[METHOD.]KEY=VALUE",
-              help="Option of one method, or of each that has it.")  # fmt: skip
+@click.option(
+    "-m",
+    "--method",
+    "names",
+    multiple=True,
+    required=True,
+    metavar="NAME",
+    help="Method; give several.",
+)
+@click.option(
+    "-o",
+    "--option",
+    "given",
+    multiple=True,
+    metavar="[METHOD.]KEY=VALUE",
+    help="Option of one method, or of each that has it.",
+)
 @record_option
 @click.option("--json", "as_json", is_flag=True, help="Write the table as JSON.")
 @click.option("--quiet", is_flag=True, help="Write no progress and no messages.")
 @click.pass_obj
-def compare(session: Session, /, problem: str, names: tuple[str, ...], given: tuple[str, ...], **how: Any) -> int:
-    """Solve a problem with several methods, each from the default guess, and print one table; no result is written.
+def compare(
+    session: Session, /, problem: str, names: tuple[str, ...], given: tuple[str, ...], **how: Any
+) -> int:
+    """Solve a problem with several methods, each from the default guess, and print one table; no
+    result is written.
 
-    Errors are to the best objective: the lowest of those that re-integration finds feasible to 1e-6 (relative), or else
-    that of the most feasible solution. Exit code 0 if every method's solver met its tolerances, 1 if one did not; how
-    feasible each is stands in the table.
+    Errors are to the best objective: the lowest of those that re-integration finds feasible to 1e-6
+    (relative), or else that of the most feasible solution. Exit code 0 if every method's solver met
+    its tolerances, 1 if one did not; how feasible each is stands in the table.
     """
     session.quiet = quiet = how["quiet"]
     registry = session.registry()
@@ -79,7 +98,13 @@ def compare(session: Session, /, problem: str, names: tuple[str, ...], given: tu
     best = best_of(rows)
     with held():
         if how["as_json"]:
-            write_json({"problem": posed.name, "best": best, "rows": [_record(posed, row, best) for row in rows]})
+            write_json(
+                {
+                    "problem": posed.name,
+                    "best": best,
+                    "rows": [_record(posed, row, best) for row in rows],
+                }
+            )
         else:
             show(_fitting(results(), posed, rows, best))
     for row in rows:
@@ -94,7 +119,9 @@ def compare(session: Session, /, problem: str, names: tuple[str, ...], given: tu
 
 
 def best_of(rows: list[Row]) -> float:
-    """Return the lowest objective of the feasible solutions, or that of the most feasible one; nan where none is."""
+    """Return the lowest objective of the feasible solutions, or that of the most feasible one; nan
+    where none is.
+    """
     found = [row.solution for row in rows if row.ok and row.solution is not None]
     feasible = [solution.objective for solution in found if worst(solution) <= FEASIBLE]
     if feasible:
@@ -103,9 +130,16 @@ def best_of(rows: list[Row]) -> float:
 
 
 def _rows(
-    registry: Registry, problem: "Problem", methods: "list[Method]", recorder: "Guarded", *, quiet: bool
+    registry: Registry,
+    problem: "Problem",
+    methods: "list[Method]",
+    recorder: "Guarded",
+    *,
+    quiet: bool,
 ) -> list[Row]:
-    """Return a row for every method; an interruption ends with the methods solved before, if there are any."""
+    """Return a row for every method; an interruption ends with the methods solved before, if there
+    are any.
+    """
     rows: list[Row] = []
     for method in methods:
         try:
@@ -119,12 +153,16 @@ def _rows(
     return rows
 
 
-def _solved(registry: Registry, problem: "Problem", method: "Method", recorder: "Guarded", *, quiet: bool) -> Row:
+def _solved(
+    registry: Registry, problem: "Problem", method: "Method", recorder: "Guarded", *, quiet: bool
+) -> Row:
     from socp.methods import default_guess
 
     try:
         with progress(messages(), f"{problem.name}, {method.name}", quiet=quiet) as watch:
-            solution = solved(registry, method, problem, default_guess(problem), told(watch, recorder))
+            solution = solved(
+                registry, method, problem, default_guess(problem), told(watch, recorder)
+            )
     except SocpError as error:
         return Row(method.name, error=str(error))
     except Exception as error:  # noqa: BLE001 - the rows of the other methods are worth as much as before
@@ -138,18 +176,29 @@ def _record(problem: "Problem", row: Row, best: float) -> dict[str, Any]:
     if row.solution is None:
         return {"method": row.method, "solved": False, "error": row.error}
     objective = row.solution.objective
-    known = {"objective": objective, "word": row.solution.word, "reference": to_reference(problem, row.solution)}
+    known = {
+        "objective": objective,
+        "word": row.solution.word,
+        "reference": to_reference(problem, row.solution),
+    }
     more = {"to_best": objective - best, "feasibility": worst(row.solution)}
     return {**facts(problem, row.solution), **known, **more}
 
 
 def _fitting(console: Console, problem: "Problem", rows: list[Row], best: float) -> Table:
-    """Return the table with a method a row, or with a method a column where that is too wide for the console."""
+    """Return the table with a method a row, or with a method a column where that is too wide for
+    the console.
+    """
     cells = {row.method: _cells(problem, row, best) for row in rows}
     labels = list(dict.fromkeys(label for cell in cells.values() for label in cell))
-    by_method = {method: [cell.get(label, "") for label in labels] for method, cell in cells.items()}
+    by_method = {
+        method: [cell.get(label, "") for label in labels] for method, cell in cells.items()
+    }
     wide = _table(problem, "method", labels, by_method)
-    if Measurement.get(console, console.options.update(max_width=10_000), wide).maximum <= console.width:
+    if (
+        Measurement.get(console, console.options.update(max_width=10_000), wide).maximum
+        <= console.width
+    ):
         return wide
     body = {label: [cell.get(label, "") for cell in cells.values()] for label in labels}
     return _table(problem, "", list(cells), body)
@@ -160,7 +209,9 @@ def _table(problem: "Problem", corner: str, heads: list[str], body: dict[str, li
     table = Table(title=Text(title), title_justify="left", header_style="bold", box=box.SIMPLE_HEAD)
     table.add_column(corner, style="bold", no_wrap=True)
     for head in heads:
-        table.add_column(Text(head), justify="left" if head == "switching times" else "right", overflow="fold")
+        table.add_column(
+            Text(head), justify="left" if head == "switching times" else "right", overflow="fold"
+        )
     for label, cells in body.items():
         table.add_row(Text(label), *(Text(cell) for cell in cells))
     return table
@@ -171,13 +222,20 @@ def _cells(problem: "Problem", row: Row, best: float) -> dict[str, str]:
     if solution is None:
         return {"N": "-", "objective": "not solved"}
     objective = solution.objective
-    cells = {"N": str(solution.t.size), "objective": f"{objective:.10g}", "to best": signed(objective - best)}
+    cells = {
+        "N": str(solution.t.size),
+        "objective": f"{objective:.10g}",
+        "to best": signed(objective - best),
+    }
     if problem.reference is not None:
         cells["to reference"] = signed(objective - problem.reference.objective)
-    cells["switching times"] = "\n".join(f"{name}: {times(each, 7)}" for name, each in switching(solution).items())
+    cells["switching times"] = "\n".join(
+        f"{name}: {times(each, 7)}" for name, each in switching(solution).items()
+    )
     cells |= {f"TV({name})": f"{value:.4g}" for name, value in variations(solution).items()}
     cells |= {
-        "feasibility": small(worst(solution)), "iterations": str(solution.iterations),
+        "feasibility": small(worst(solution)),
+        "iterations": str(solution.iterations),
         "seconds": f"{sum(solution.seconds.values()):.2f}",
-    }  # fmt: skip
+    }
     return cells if solution.stop.ok else {**cells, "stop": solution.stop.name.lower()}

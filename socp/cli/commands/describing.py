@@ -30,9 +30,11 @@ _READ = 600  # characters of a formula that somebody may read: five lines
 @click.option("--full", is_flag=True, help="Write formulas to their end, however long they are.")
 @click.pass_obj
 def describe(session: Session, name: str, full: bool) -> int:
-    """Describe a method (its options, defaults and source) or a problem (its formula, bounds, laws and reference).
+    """Describe a method (its options, defaults and source) or a problem (its formula, bounds, laws
+    and reference).
 
-    A problem may be a path, path.py:name or a registered name. Formulas of many lines are cut; --full shows all.
+    A problem may be a path, path.py:name or a registered name. Formulas of many lines are cut;
+    --full shows all.
     """
     registry = session.registry()
     if name in registry.methods:
@@ -51,7 +53,12 @@ def _method(method: "type[Method]", registry: "Registry") -> None:
         table.add_row(*(Text(cell) for cell in cells))
     about = Text(f"{inspect.getdoc(method)}\n")
     source = Text(f"source: {method.source}\n", "dim")
-    show(heading(method.name, f"method of {owner.package if owner else 'unknown'}"), about, source, table)
+    show(
+        heading(method.name, f"method of {owner.package if owner else 'unknown'}"),
+        about,
+        source,
+        table,
+    )
 
 
 def option_rows(method: "type[Method]") -> Iterator[tuple[str, str, str, str]]:
@@ -65,7 +72,12 @@ def option_rows(method: "type[Method]") -> Iterator[tuple[str, str, str, str]]:
         kind = getattr(hint, "__name__", str(hint)).lower()
         if has_options(each):
             backend = backend_name(each)
-            yield each.name, kind, backend, f"{about}; {backend}.NAME=VALUE sets any of its own options"
+            yield (
+                each.name,
+                kind,
+                backend,
+                f"{about}; {backend}.NAME=VALUE sets any of its own options",
+            )
         else:
             default = "required" if each.default is MISSING else str(each.default) or "''"
             yield each.name, kind, default, about + _range(least, most)
@@ -104,7 +116,9 @@ def _cut(text: str) -> str:
 
 
 def problem_lines(problem: "Problem") -> Iterator[Line]:
-    """Yield (label, text) of all parts of a problem, in its own symbols, with the laws on its arcs."""
+    """Yield (label, text) of all parts of a problem, in its own symbols, with the laws on its
+    arcs.
+    """
     from socp.laws import law_lines
     from socp.view import formula, notes, stated
 

@@ -1,4 +1,6 @@
-"""`socp export`: a saved result, or the programme of a problem, in the formats of other programs."""
+"""`socp export`: a saved result, or the programme of a problem, in the formats of other
+programs.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -62,7 +64,9 @@ FORMATS: Mapping[str, Format] = {
     "mat": Format("result", ".mat", "for MATLAB, in the layout of GPOPS-II", _result),
     "parquet": Format("result", ".parquet", "a table for pandas, polars and databases", _result),
     "nl": Format("problem", ".nl", "for the solvers that read AMPL's files", _programme),
-    "pyomo": Format("problem", ".pyomo.py", "a Python script that builds a Pyomo.GDP model", _programme),
+    "pyomo": Format(
+        "problem", ".pyomo.py", "a Python script that builds a Pyomo.GDP model", _programme
+    ),
     "gams": Format("problem", ".gms", "for GAMS", _programme),
     "lp": Format("problem", ".lp", "for linear and quadratic programmes only", _programme),
 }
@@ -73,23 +77,39 @@ _COUNT = click.IntRange(max=100)  # files of more arcs or points no solver reads
 
 @click.command(short_help="Write a saved result, or a problem, in the format of another program.")
 @click.argument("source", metavar="SOURCE")
-@click.option("--format", metavar="|".join(FORMATS), help="Format.  [default: by the ending of the file]")
-@click.option("-o", "--out", metavar="FILE", help="File.  [default: SOURCE with the ending of the format]")
-@click.option("--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: the name in the result]")
-@click.option("--switches", type=_COUNT, default=4, show_default=True, help="Most switches of a problem's programme.")
-@click.option("--points", type=_COUNT, default=8, show_default=True, help="Its collocation points an arc.")
+@click.option(
+    "--format", metavar="|".join(FORMATS), help="Format.  [default: by the ending of the file]"
+)
+@click.option(
+    "-o", "--out", metavar="FILE", help="File.  [default: SOURCE with the ending of the format]"
+)
+@click.option(
+    "--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: the name in the result]"
+)
+@click.option(
+    "--switches",
+    type=_COUNT,
+    default=4,
+    show_default=True,
+    help="Most switches of a problem's programme.",
+)
+@click.option(
+    "--points", type=_COUNT, default=8, show_default=True, help="Its collocation points an arc."
+)
 @click.pass_obj
 def export(session: Session, /, **given: str | None) -> int:
     """Write the values of a saved result, bit for bit, as CSV, NetCDF, MAT or Parquet file.
 
     With the problem at hand, units, switching functions and the Hamiltonian are written too.
 
-    Of a problem, by path or name, the formats nl, pyomo, gams and lp hold a mixed-binary programme: arcs that choose
-    their modes by binaries, collocated at Legendre-Gauss-Radau points.
+    Of a problem, by path or name, the formats nl, pyomo, gams and lp hold a mixed-binary programme:
+    arcs that choose their modes by binaries, collocated at Legendre-Gauss-Radau points.
     """
     asked = Asked(**given)  # type: ignore[arg-type]  # click gives every name, the argument always
     chosen = FORMATS[_chosen(asked)]
-    path = writable(Path(asked.out) if asked.out else Path(stem(asked.source) + chosen.ending), "-o")
+    path = writable(
+        Path(asked.out) if asked.out else Path(stem(asked.source) + chosen.ending), "-o"
+    )
     _check_source(asked, chosen)
     chosen.write(session, asked, path)
     session.tell(path)
@@ -97,7 +117,9 @@ def export(session: Session, /, **given: str | None) -> int:
 
 
 def _check_source(asked: Asked, chosen: Format) -> None:
-    """Raise MethodError where a problem file is given to a format of results, or the other way round."""
+    """Raise MethodError where a problem file is given to a format of results, or the other way
+    round.
+    """
     given = {".py": "problem", ".json": "result"}.get(Path(asked.source).suffix, chosen.takes)
     if given != chosen.takes:
         others = ", ".join(name for name, each in FORMATS.items() if each.takes == given)
@@ -106,7 +128,9 @@ def _check_source(asked: Asked, chosen: Format) -> None:
 
 
 def stem(source: str) -> str:
-    """Return what names the files made of a result or a problem file: the file's name without its endings."""
+    """Return what names the files made of a result or a problem file: the file's name without its
+    endings.
+    """
     name = Path(source).name
     for ending in (".socp.json", ".json", ".py"):
         name = name.removesuffix(ending)
@@ -116,9 +140,14 @@ def stem(source: str) -> str:
 def _chosen(asked: Asked) -> str:
     """Return the name of the format: as given, or by the ending of the file."""
     if asked.format is None:
-        found = [name for name, each in FORMATS.items() if asked.out and asked.out.endswith(each.ending)]
+        found = [
+            name for name, each in FORMATS.items() if asked.out and asked.out.endswith(each.ending)
+        ]
         if not found:
-            raise MethodError(f"which format? give --format {'|'.join(FORMATS)}, or -o FILE with the ending of one")
+            raise MethodError(
+                f"which format? give --format {'|'.join(FORMATS)}, or -o FILE with the ending of "
+                "one"
+            )
         return found[0]
     if asked.format not in FORMATS:
         raise MethodError(f"no format '{asked.format}'{suggest(asked.format, list(FORMATS))}")

@@ -23,7 +23,12 @@ def list_(session: Session, as_json: bool) -> int:
         session.warn(f"problem '{entry.name}' of {entry.package} is left out: {entry.reason}")
     entries = registry.entries.values()
     if as_json:
-        write_json([{"name": e.name, "about": e.about, "target": e.target, "package": e.package} for e in entries])
+        write_json(
+            [
+                {"name": e.name, "about": e.about, "target": e.target, "package": e.package}
+                for e in entries
+            ]
+        )
     else:
         _print(["problem", "about", "package"], ([e.name, e.about, e.package] for e in entries))
     return Exit.SOLVED
@@ -40,11 +45,21 @@ def methods(session: Session, as_json: bool) -> int:
     for name, method in sorted(registry.methods.items()):
         owner = registry.owner(name)
         about = (inspect.getdoc(method) or "").partition("\n")[0]
-        found.append({"name": name, "about": about, "source": method.source, "package": owner.package if owner else ""})
+        found.append(
+            {
+                "name": name,
+                "about": about,
+                "source": method.source,
+                "package": owner.package if owner else "",
+            }
+        )
     if as_json:
         write_json(found)
     else:
-        _print(["method", "about", "package"], ([row["name"], row["about"], row["package"]] for row in found))
+        _print(
+            ["method", "about", "package"],
+            ([row["name"], row["about"], row["package"]] for row in found),
+        )
     return Exit.SOLVED
 
 
@@ -79,7 +94,9 @@ def plugins_list(session: Session, as_json: bool = False) -> int:
 def _print(heads: list[str], rows: Iterable[list[Text | str]]) -> None:
     table = Table(header_style="bold", box=None, pad_edge=False, padding=(0, 3, 0, 0))
     for k, head in enumerate(heads):
-        table.add_column(head, style="bold cyan" if k == 0 else None, no_wrap=k == 0, overflow="fold")
+        table.add_column(
+            head, style="bold cyan" if k == 0 else None, no_wrap=k == 0, overflow="fold"
+        )
     for row in rows:
         table.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in row))
     show(table)

@@ -28,17 +28,31 @@ class Asked:
 
 @click.command(short_help="Draw a figure of a saved result.")
 @click.argument("result", metavar="RESULT")
-@click.option("-o", "--out", metavar="FILE", help="File, .png, .svg or .pdf.  [default: RESULT.svg]")
-@click.option("--panels", metavar="NAME,...", help="Some of the panels below.  [default: all but hamiltonian]")
-@click.option("--width", type=click.FloatRange(2, 30), default=7.0, metavar="INCHES", help="Width.  [default: 7]")
+@click.option(
+    "-o", "--out", metavar="FILE", help="File, .png, .svg or .pdf.  [default: RESULT.svg]"
+)
+@click.option(
+    "--panels", metavar="NAME,...", help="Some of the panels below.  [default: all but hamiltonian]"
+)
+@click.option(
+    "--width",
+    type=click.FloatRange(2, 30),
+    default=7.0,
+    metavar="INCHES",
+    help="Width.  [default: 7]",
+)
 @click.option("--stretch", is_flag=True, help="Widen short arcs on the time axis.")
-@click.option("--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: that of the result]")
+@click.option(
+    "--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: that of the result]"
+)
 @click.pass_obj
 def plot(session: Session, /, **given: Any) -> int:
-    """Draw controls with their arcs, switching functions, states, costates and the path of a saved result.
+    """Draw controls with their arcs, switching functions, states, costates and the path of a saved
+    result.
 
-    Panels: scene, controls, switching, states, costates, multipliers, hamiltonian. What is not known is left out:
-    bounds, switching functions, units and the scene need the problem. Below 5 inches they stand in one column.
+    Panels: scene, controls, switching, states, costates, multipliers, hamiltonian. What is not
+    known is left out: bounds, switching functions, units and the scene need the problem. Below 5
+    inches they stand in one column.
     """
     from socp.model import write_atomic
     from socp.view import DEFAULT, ENDINGS, check, draw, to_bytes

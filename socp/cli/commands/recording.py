@@ -26,24 +26,33 @@ _MAGIC = b"RRF2"  # what recordings begin with
 
 def record_option(command: Command) -> Command:
     """Add `--record` to a command."""
-    return click.option("--record", metavar="FILE", help="Record the solve for rerun's viewer, in a file .rrd.")(
-        command
-    )
+    return click.option(
+        "--record", metavar="FILE", help="Record the solve for rerun's viewer, in a file .rrd."
+    )(command)
 
 
 def live_option(command: Command) -> Command:
     """Add `--live` to a command."""
-    return click.option("--live", is_flag=True, help="Show the solve in rerun's viewer while it runs.")(command)
+    return click.option(
+        "--live", is_flag=True, help="Show the solve in rerun's viewer while it runs."
+    )(command)
 
 
 @contextmanager
 def recording(
-    session: Session, registry: Registry, problem: "Problem", record: str | None, *, live: bool = False, runs: int = 1
+    session: Session,
+    registry: Registry,
+    problem: "Problem",
+    record: str | None,
+    *,
+    live: bool = False,
+    runs: int = 1,
 ) -> "Iterator[Guarded]":
-    """Yield a recorder for the file and the viewer that were asked for; one without either records nothing.
+    """Yield a recorder for the file and the viewer that were asked for; one without either records
+    nothing.
 
-    What goes wrong with it becomes one warning. MethodError, before anything is solved, says why the file cannot be
-    written or that no plugin records.
+    What goes wrong with it becomes one warning. MethodError, before anything is solved, says why
+    the file cannot be written or that no plugin records.
     """
     from socp.registry import Guarded
 
@@ -66,7 +75,9 @@ def recording(
 
 
 def told(watch: "Watch", recorder: "Guarded") -> "Watch":
-    """Return a watch that tells a recorder of the progress as well; the recorder never stops a solve."""
+    """Return a watch that tells a recorder of the progress as well; the recorder never stops a
+    solve.
+    """
     if recorder.recorder is None:
         return watch
 
@@ -79,8 +90,12 @@ def told(watch: "Watch", recorder: "Guarded") -> "Watch":
 
 @click.command(short_help="Record a saved result for rerun's viewer.")
 @click.argument("result", metavar="RESULT")
-@click.option("-o", "--out", metavar="FILE", help="Recording.  [default: RESULT with the ending .rrd]")
-@click.option("--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: that of the result]")
+@click.option(
+    "-o", "--out", metavar="FILE", help="Recording.  [default: RESULT with the ending .rrd]"
+)
+@click.option(
+    "--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: that of the result]"
+)
 @click.pass_obj
 def record(session: Session, /, result: str, out: str | None, problem: str | None) -> int:
     """Record a saved result: the file .rrd opens in rerun's viewer, with 'socp view'."""
@@ -96,7 +111,9 @@ def record(session: Session, /, result: str, out: str | None, problem: str | Non
 @click.option("--problem", metavar="FILE_OR_NAME", help="Problem of a result.  [default: its own]")
 @click.pass_obj
 def view(session: Session, /, source: str, problem: str | None) -> int:
-    """Open a recording .rrd, or a saved result, in rerun's native viewer, which listens on this computer alone."""
+    """Open a recording .rrd, or a saved result, in rerun's native viewer, which listens on this
+    computer alone.
+    """
     from socp.view.recording import viewer
 
     path = Path(source)
@@ -115,7 +132,9 @@ def view(session: Session, /, source: str, problem: str | None) -> int:
 
 
 def _record(session: Session, result: str, given: str | None, path: Path) -> None:
-    """Record a saved result; SolveError says why it cannot be, ProblemError that its problem is not known."""
+    """Record a saved result; SolveError says why it cannot be, ProblemError that its problem is not
+    known.
+    """
     registry = session.registry()
     solution, problem = open_result(session, result, given, registry)
     if problem is None:
@@ -129,9 +148,13 @@ def _record(session: Session, result: str, given: str | None, path: Path) -> Non
 
 
 def _place(path: Path, option: str) -> Path:
-    """Return a path for a recording; MethodError where none can be, or where a result or the like may stand."""
+    """Return a path for a recording; MethodError where none can be, or where a result or the like
+    may stand.
+    """
     if path.suffix not in {"", ENDING}:
-        raise MethodError(f"{option} {path}: it ends with '{path.suffix}'; recordings end with {ENDING}")
+        raise MethodError(
+            f"{option} {path}: it ends with '{path.suffix}'; recordings end with {ENDING}"
+        )
     return writable(path, option, replaced=False)
 
 

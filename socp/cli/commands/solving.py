@@ -12,7 +12,16 @@ from socp.cli.options import DEFAULT_METHOD, pairs
 from socp.cli.outcome import outcome
 from socp.cli.progress import progress
 from socp.cli.running import made, solved
-from socp.cli.session import Exit, Session, heading, messages, named_after, show, writable, write_json
+from socp.cli.session import (
+    Exit,
+    Session,
+    heading,
+    messages,
+    named_after,
+    show,
+    writable,
+    write_json,
+)
 from socp.cli.show import facts, report
 from socp.errors import MethodError, SolveError
 from socp.process import held
@@ -48,13 +57,31 @@ class Asked:
 
 @click.command(short_help="Solve a problem with one method and write the result file.")
 @click.argument("problem", metavar="FILE_OR_NAME")
-@click.option("-m", "--method", default=DEFAULT_METHOD, show_default=True, help="Method, see 'socp methods'.")
-@click.option("-o", "--option", "options", multiple=True, metavar="KEY=VALUE", help="See 'socp describe METHOD'.")
-@click.option("--digits", type=int, metavar="N", help="The same as -o digits=N: digits to agree on.")
-@click.option("--max-switches", type=int, metavar="N", help="The same as -o max_switches=N: where a control chatters.")
+@click.option(
+    "-m", "--method", default=DEFAULT_METHOD, show_default=True, help="Method, see 'socp methods'."
+)
+@click.option(
+    "-o",
+    "--option",
+    "options",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="See 'socp describe METHOD'.",
+)
+@click.option(
+    "--digits", type=int, metavar="N", help="The same as -o digits=N: digits to agree on."
+)
+@click.option(
+    "--max-switches",
+    type=int,
+    metavar="N",
+    help="The same as -o max_switches=N: where a control chatters.",
+)
 @click.option("--guess", metavar="FILE", help="Start from a saved result.")
 @click.option("--out", metavar="FILE", help="Result file.  [default: PROBLEM.socp.json]")
-@click.option("--strict", is_flag=True, help="Exit code 1 unless the result is certified as an extremal.")
+@click.option(
+    "--strict", is_flag=True, help="Exit code 1 unless the result is certified as an extremal."
+)
 @record_option
 @live_option
 @click.option("--json", "as_json", is_flag=True, help="Write the report as JSON.")
@@ -63,11 +90,13 @@ class Asked:
 def solve(session: Session, /, **given: Any) -> int:
     """Solve a problem, given as a path, as path.py:name or as a registered name.
 
-    The report goes to standard output, progress and messages to standard error, the whole solution to the result file.
+    The report goes to standard output, progress and messages to standard error, the whole solution
+    to the result file.
 
-    Exit code 0 if there is an answer: a certified extremal, or a feasible point at which the solver met its tolerances;
-    the report's outcome says which. With --strict a certified extremal only. Exit code 1 if the solver reached its
-    limit, failed, or ended at a point that misses the problem's conditions; the result is written all the same.
+    Exit code 0 if there is an answer: a certified extremal, or a feasible point at which the solver
+    met its tolerances; the report's outcome says which. With --strict a certified extremal only.
+    Exit code 1 if the solver reached its limit, failed, or ended at a point that misses the
+    problem's conditions; the result is written all the same.
     """
     from socp.methods import default_guess
 

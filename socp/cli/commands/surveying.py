@@ -12,7 +12,16 @@ from rich.text import Text
 
 from socp.cli.keeping import Place, keep
 from socp.cli.progress import progress
-from socp.cli.session import Exit, Session, heading, messages, named_after, show, writable, write_json
+from socp.cli.session import (
+    Exit,
+    Session,
+    heading,
+    messages,
+    named_after,
+    show,
+    writable,
+    write_json,
+)
 from socp.cli.show import small, switching, times
 from socp.errors import KeepingError, SolveError
 from socp.process import held
@@ -37,17 +46,33 @@ class Named:
 
 @click.command(short_help="Find a problem's extremals from many starts, print a table.")
 @click.argument("problem", metavar="FILE_OR_NAME")
-@click.option("--starts", default=20, show_default=True, type=click.IntRange(1, 10_000), help="Number of starts.")
-@click.option("-j", "--jobs", default=1, show_default=True, type=click.IntRange(1, 1024), help="Worker processes.")
-@click.option("--out", metavar="FILE", help="Result file of the best one.  [default: PROBLEM.socp.json]")
+@click.option(
+    "--starts",
+    default=20,
+    show_default=True,
+    type=click.IntRange(1, 10_000),
+    help="Number of starts.",
+)
+@click.option(
+    "-j",
+    "--jobs",
+    default=1,
+    show_default=True,
+    type=click.IntRange(1, 1024),
+    help="Worker processes.",
+)
+@click.option(
+    "--out", metavar="FILE", help="Result file of the best one.  [default: PROBLEM.socp.json]"
+)
 @click.option("--json", "as_json", is_flag=True, help="Write the table as JSON.")
 @click.option("--quiet", is_flag=True, help="Write no progress and no messages.")
 @click.pass_obj
 def census(session: Session, /, **given: Any) -> int:
-    """Solve a problem from many starts and print the extremals that they end in; the best one is the result.
+    """Solve a problem from many starts and print the extremals that they end in; the best one is
+    the result.
 
-    Finished starts are kept in a directory beside the result, PROBLEM.census: the same command goes on where it was
-    interrupted, and more starts add to the ones that are there.
+    Finished starts are kept in a directory beside the result, PROBLEM.census: the same command goes
+    on where it was interrupted, and more starts add to the ones that are there.
     """
     from socp.methods import versions
     from socp.model import useful
@@ -63,7 +88,9 @@ def census(session: Session, /, **given: Any) -> int:
     with held():
         best, place = found.best, None
         if best is not None:
-            place = keep(posed, replace(best, options={"starts": starts}, versions=versions()), path)
+            place = keep(
+                posed, replace(best, options={"starts": starts}, versions=versions()), path
+            )
             session.written.append(place.path)
     with held():
         if given["as_json"]:
@@ -93,12 +120,19 @@ def _say(session: Session, place: Place | None) -> None:
 
 def _facts(problem: "Problem", found: "Census") -> dict[str, Any]:
     return {
-        "problem": problem.name, "title": problem.title, "starts": found.wanted, "finished": len(found.outcomes),
+        "problem": problem.name,
+        "title": problem.title,
+        "starts": found.wanted,
+        "finished": len(found.outcomes),
         "extremals": [_record(each) for each in found.extremals],
         "uncertified": [_record(each) for each in found.others],
-        "failed": [{"start": each.number, "about": each.about, "error": each.error} for each in found.failed],
-        "died": found.died, "interrupted": found.interrupted,
-    }  # fmt: skip
+        "failed": [
+            {"start": each.number, "about": each.about, "error": each.error}
+            for each in found.failed
+        ],
+        "died": found.died,
+        "interrupted": found.interrupted,
+    }
 
 
 def _record(cluster: "Cluster") -> dict[str, Any]:
@@ -108,15 +142,21 @@ def _record(cluster: "Cluster") -> dict[str, Any]:
 def _solved(solution: "Solution") -> dict[str, Any]:
     verdict = solution.verdict
     return {
-        "objective": solution.objective, "final_time": solution.final_time, "word": solution.word,
-        "switching_times": switching(solution), "extremal": bool(solution.extremal),
-        "residual": verdict.residual if verdict else None, "miss": verdict.miss if verdict else None,
+        "objective": solution.objective,
+        "final_time": solution.final_time,
+        "word": solution.word,
+        "switching_times": switching(solution),
+        "extremal": bool(solution.extremal),
+        "residual": verdict.residual if verdict else None,
+        "miss": verdict.miss if verdict else None,
         "reasons": verdict.reasons if verdict else (),
-    }  # fmt: skip
+    }
 
 
 def _tables(found: "Census") -> list[Table | Text]:
-    """Return the table of extremals, that of other local solutions, and what became of the starts."""
+    """Return the table of extremals, that of other local solutions, and what became of the
+    starts.
+    """
     parts: list[Table | Text] = []
     if found.extremals:
         parts.append(_table("Certified extremals", found.extremals))
@@ -124,8 +164,13 @@ def _tables(found: "Census") -> list[Table | Text]:
         parts.append(_table("Not certified", found.others))
     count = len(found.outcomes)
     certified = sum(len(each.starts) for each in found.extremals)
-    sentence = f"{count} of {found.wanted} starts finished, {certified} of them in a certified extremal"
-    for number, what in ((len(found.failed), "led nowhere"), (len(found.died), "lost with their worker process")):
+    sentence = (
+        f"{count} of {found.wanted} starts finished, {certified} of them in a certified extremal"
+    )
+    for number, what in (
+        (len(found.failed), "led nowhere"),
+        (len(found.died), "lost with their worker process"),
+    ):
         sentence += f", {number} {what}" if number else ""
     return [*parts, Text(sentence)]
 
@@ -152,7 +197,9 @@ def _cells(solution: "Solution", starts: int) -> Mapping[str, str]:
     return {
         "objective": f"{solution.objective:.10g}",
         "word": "\n".join(solution.word.split("; ")),
-        "switching times": "\n".join(f"{name}: {times(each, 7)}" for name, each in switching(solution).items()),
+        "switching times": "\n".join(
+            f"{name}: {times(each, 7)}" for name, each in switching(solution).items()
+        ),
         "starts": str(starts),
         "residual": small(verdict.residual) if verdict else "-",
     }
@@ -160,17 +207,32 @@ def _cells(solution: "Solution", starts: int) -> Mapping[str, str]:
 
 @click.command(short_help="Find the best objective for every number of switches, print a table.")
 @click.argument("problem", metavar="FILE_OR_NAME")
-@click.option("--max-switches", "most", required=True, type=click.IntRange(0, 100), help="Largest number of switches.")
-@click.option("--dwell", default=0.0, show_default=True, type=click.FloatRange(min=0.0),
-              help="Least time between two switches, and from the ends.")  # fmt: skip
-@click.option("--out", metavar="FILE", help="Result file of the best one.  [default: PROBLEM.socp.json]")
+@click.option(
+    "--max-switches",
+    "most",
+    required=True,
+    type=click.IntRange(0, 100),
+    help="Largest number of switches.",
+)
+@click.option(
+    "--dwell",
+    default=0.0,
+    show_default=True,
+    type=click.FloatRange(min=0.0),
+    help="Least time between two switches, and from the ends.",
+)
+@click.option(
+    "--out", metavar="FILE", help="Result file of the best one.  [default: PROBLEM.socp.json]"
+)
 @click.option("--json", "as_json", is_flag=True, help="Write the table as JSON.")
 @click.option("--quiet", is_flag=True, help="Write no progress and no messages.")
 @click.pass_obj
 def frontier(session: Session, /, **given: Any) -> int:
-    """Solve the words of a problem with few switches and print the best objective for every number of switches.
+    """Solve the words of a problem with few switches and print the best objective for every number
+    of switches.
 
-    A switch is a time at which any of the controls changes its mode. The best solution is the result.
+    A switch is a time at which any of the controls changes its mode. The best solution is the
+    result.
     """
     from socp.methods import versions
     from socp.model import useful
@@ -191,11 +253,19 @@ def frontier(session: Session, /, **given: Any) -> int:
     with held():
         if best is not None:
             options = {"max_switches": most, "dwell": dwell}
-            place = keep(posed, replace(best, method="frontier", options=options, versions=versions()), path)
+            place = keep(
+                posed, replace(best, method="frontier", options=options, versions=versions()), path
+            )
             session.written.append(place.path)
     with held():
         if given["as_json"]:
-            write_json({**_ladder(posed, found), "dwell": dwell, "result": str(place.path) if place else None})
+            write_json(
+                {
+                    **_ladder(posed, found),
+                    "dwell": dwell,
+                    "result": str(place.path) if place else None,
+                }
+            )
         else:
             result = [Text(f"result  {place.path}")] if place else []
             show(heading(posed.name, posed.title), _rows(found), Text(_words(found)), *result)
@@ -213,13 +283,19 @@ def _ladder(problem: "Problem", found: "Frontier") -> dict[str, Any]:
         more = {} if solution is None else {**_solved(solution), "gap": _gap(found, solution)}
         rows.append({"switches": n, "objective": None, **more})
     return {
-        "problem": problem.name, "title": problem.title, "rows": rows, "words": found.words, "every": found.every,
+        "problem": problem.name,
+        "title": problem.title,
+        "rows": rows,
+        "words": found.words,
+        "every": found.every,
         "interrupted": found.interrupted,
-    }  # fmt: skip
+    }
 
 
 def _rows(found: "Frontier") -> Table:
-    table = _framed("Best objective with at most so many switches", (("switches", True), ("word", False)))
+    table = _framed(
+        "Best objective with at most so many switches", (("switches", True), ("word", False))
+    )
     for head in ("objective", "gap"):
         table.add_column(head, justify="right", no_wrap=True)
     table.add_column("verdict", overflow="fold")
@@ -243,6 +319,10 @@ def _words(found: "Frontier") -> str:
     from socp.study import distinct, limit
 
     end = limit(distinct(found))
-    tends = "" if end is None else f"; Aitken's extrapolation of the last three objectives is {end:.12g}"
+    tends = (
+        ""
+        if end is None
+        else f"; Aitken's extrapolation of the last three objectives is {end:.12g}"
+    )
     which = "all there are" if found.every else "not all there are"
     return f"{found.words} words solved, {which}{tends}"

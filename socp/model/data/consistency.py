@@ -1,4 +1,6 @@
-"""Result files read strictly: the layout of the whole held, and its fields against each other, before any is used."""
+"""Result files read strictly: the layout of the whole held, and its fields against each other,
+before any is used.
+"""
 
 import itertools
 import json
@@ -14,20 +16,25 @@ from socp.model.data.schema import Arc, Result
 from socp.model.word import Mode
 
 SCHEMAS = (1, 2)  # versions of the layout that are read; in the first, results carried no statement
-# of a time, state, control or costate: the square of a larger one, which every norm takes, overflows
+# of a time, state, control or costate: the square of a larger one, which every norm takes,
+# overflows
 LARGEST = 1e150
 # of the horizon: arcs meet up to the rounding of the sums of their lengths
 _GAP = 1e-9
 
 
 def document(text: str) -> dict[str, Any]:
-    """Return the document of a result file's text, all of it checked; ProblemError names the field that is wrong."""
+    """Return the document of a result file's text, all of it checked; ProblemError names the field
+    that is wrong.
+    """
     found = _strict(text)
     if not isinstance(found, dict):
         raise ProblemError(f"{type(found).__name__} where a table of fields is needed")
     if found.get("schema") not in SCHEMAS:
         known = " and ".join(map(str, SCHEMAS))
-        raise ProblemError(f"schema: {_shown(found.get('schema', 'none'))}; this socp reads schemas {known}")
+        raise ProblemError(
+            f"schema: {_shown(found.get('schema', 'none'))}; this socp reads schemas {known}"
+        )
     result = stated.converted(found, Result)
     _texts(result)
     if result.statement is not None:
@@ -42,7 +49,8 @@ def document(text: str) -> dict[str, Any]:
 
 
 def named(result: Any, names: Mapping[str, Sequence[str]]) -> None:
-    """Raise ProblemError where the fields of a result, or of a solution, hold other names than those of its problem.
+    """Raise ProblemError where the fields of a result, or of a solution, hold other names than
+    those of its problem.
 
     `names` are by field: state_names, control_names and parameters.
     """
@@ -54,31 +62,48 @@ def named(result: Any, names: Mapping[str, Sequence[str]]) -> None:
 
 
 def follow(result: Any, constraints: Sequence[str]) -> None:
-    """Raise ProblemError where arcs of a result, or of a solution, name other constraints than those of its problem."""
+    """Raise ProblemError where arcs of a result, or of a solution, name other constraints than
+    those of its problem.
+    """
     known = set(constraints)
     for k, arc in enumerate(result.arcs):
         modes = [Mode.parse(text).constraint for text in arc.modes]
-        for field, its in (("modes", [each for each in modes if each]), ("multipliers", arc.multipliers)):
+        for field, its in (
+            ("modes", [each for each in modes if each]),
+            ("multipliers", arc.multipliers),
+        ):
             for name in its:
                 if name not in known:
                     there = ", ".join(constraints) or "none"
-                    raise ProblemError(f"arcs[{k}].{field}: no state constraint '{name}'; there are {there}")
+                    raise ProblemError(
+                        f"arcs[{k}].{field}: no state constraint '{name}'; there are {there}"
+                    )
 
 
 def _statement(result: Result, statement: Mapping[str, Any]) -> None:
-    """Check the statement that a result carries, and that it is the one of the result's own problem."""
+    """Check the statement that a result carries, and that it is the one of the result's own
+    problem.
+    """
     try:
         stated.check(statement)
     except ProblemError as error:
         raise ProblemError(f"statement.{error}") from error
     if result.problem != statement["name"]:
-        raise ProblemError(f"statement.name: '{statement['name']}', but the problem is called '{result.problem}'")
-    fields = (("state_names", "states"), ("control_names", "controls"), ("parameters", "parameters"))
+        raise ProblemError(
+            f"statement.name: '{statement['name']}', but the problem is called '{result.problem}'"
+        )
+    fields = (
+        ("state_names", "states"),
+        ("control_names", "controls"),
+        ("parameters", "parameters"),
+    )
     named(result, {field: statement[each] for field, each in fields})
 
 
 def _strict(text: str) -> Any:
-    """Return JSON as values: no NaN, no name twice in a table, no text that cannot be written again."""
+    """Return JSON as values: no NaN, no name twice in a table, no text that cannot be written
+    again.
+    """
     try:
         found = json.loads(text, object_pairs_hook=_table, parse_constant=_refused)
         if "\\ud" in text.lower():  # half a surrogate pair is a JSON escape, but no text
@@ -95,12 +120,16 @@ def _strict(text: str) -> Any:
 def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
-        raise ProblemError(f"'{stated.repeated([name for name, _ in pairs])}' is there twice in one table")
+        raise ProblemError(
+            f"'{stated.repeated([name for name, _ in pairs])}' is there twice in one table"
+        )
     return found
 
 
 def _refused(constant: str) -> Any:
-    raise ProblemError(f'{constant} is no JSON; unknown numbers are null, infinities "inf" and "-inf"')
+    raise ProblemError(
+        f'{constant} is no JSON; unknown numbers are null, infinities "inf" and "-inf"'
+    )
 
 
 def _shown(value: Any) -> str:
@@ -110,14 +139,24 @@ def _shown(value: Any) -> str:
 
 def _texts(result: Result) -> None:
     """Check the names: they tell things apart, and hold nothing that a terminal would obey."""
-    names = {"problem": [result.problem], "method": [result.method], "parameters": result.parameters}
-    for field, texts in {**names, "state_names": result.state_names, "control_names": result.control_names}.items():
+    names = {
+        "problem": [result.problem],
+        "method": [result.method],
+        "parameters": result.parameters,
+    }
+    for field, texts in {
+        **names,
+        "state_names": result.state_names,
+        "control_names": result.control_names,
+    }.items():
         for text in texts:
             if not text.isprintable():
                 raise ProblemError(f"{field}: {text!r} where a name is needed")
     twice = stated.repeated([*result.state_names, *result.control_names, *result.parameters])
     if twice is not None:
-        raise ProblemError(f"state_names, control_names, parameters: the name '{twice}' is there twice")
+        raise ProblemError(
+            f"state_names, control_names, parameters: the name '{twice}' is there twice"
+        )
     if not result.state_names:
         raise ProblemError("state_names: none")
     for name, value in result.parameters.items():
@@ -130,29 +169,41 @@ def _arc(where: str, arc: Arc, result: Result) -> None:
     if mesh.size < 2 or mesh[0] != 0 or mesh[-1] != count - 1 or (np.diff(mesh) < 1).any():
         ends = f"0, ..., {count - 1}, increasing, is needed"
         raise ProblemError(f"{where}.mesh: {_shown(arc.mesh)} where, for {count} nodes, {ends}")
-    rows = {"x": len(result.state_names), "u": len(result.control_names), "costate": len(result.state_names)}
+    rows = {
+        "x": len(result.state_names),
+        "u": len(result.control_names),
+        "costate": len(result.state_names),
+    }
     for field, wanted in rows.items():
         matrix = getattr(arc, field)
         if len(matrix) != wanted:
-            raise ProblemError(f"{where}.{field}: {len(matrix)} rows where {wanted} are needed, one for each name")
+            raise ProblemError(
+                f"{where}.{field}: {len(matrix)} rows where {wanted} are needed, one for each name"
+            )
         for k, row in enumerate(matrix):
             _row(f"{where}.{field}[{k}]", row, count)
     for name, row in arc.multipliers.items():
         _row(f"{where}.multipliers.{name}", row, count)
     _row(f"{where}.t", arc.t, count)
     if len(arc.modes) != rows["u"]:
-        raise ProblemError(f"{where}.modes: {len(arc.modes)} where {rows['u']} are needed, one for each control")
+        raise ProblemError(
+            f"{where}.modes: {len(arc.modes)} where {rows['u']} are needed, one for each control"
+        )
     for k, mode in enumerate(arc.modes):
         _mode(f"{where}.modes[{k}]", mode)
 
 
 def _row(where: str, row: Any, count: int) -> None:
     if len(row) != count:
-        raise ProblemError(f"{where}: {len(row)} values where {count} are needed, one for each node")
+        raise ProblemError(
+            f"{where}: {len(row)} values where {count} are needed, one for each node"
+        )
     values = np.array([stated.number(value) for value in row])
     large = np.flatnonzero(np.isfinite(values) & (np.abs(values) > LARGEST))
     if large.size:
-        raise ProblemError(f"{where}[{large[0]}]: {values[large[0]]} where at most {LARGEST:g} is allowed")
+        raise ProblemError(
+            f"{where}[{large[0]}]: {values[large[0]]} where at most {LARGEST:g} is allowed"
+        )
 
 
 def _mode(where: str, text: str) -> None:
@@ -161,7 +212,9 @@ def _mode(where: str, text: str) -> None:
     except MethodError:
         known = False
     if not known:
-        raise ProblemError(f"{where}: '{text}' is no mode; modes are +, -, s, b, b[constraint] and *")
+        raise ProblemError(
+            f"{where}: '{text}' is no mode; modes are +, -, s, b, b[constraint] and *"
+        )
 
 
 def _in_order(arcs: list[Arc]) -> None:
@@ -169,18 +222,26 @@ def _in_order(arcs: list[Arc]) -> None:
     for k, arc in enumerate(arcs):
         back = np.flatnonzero(np.diff(arc.t) < 0)
         if back.size:
-            raise ProblemError(f"arcs[{k}].t[{back[0] + 1}]: {arc.t[back[0] + 1]} comes after {arc.t[back[0]]}")
+            raise ProblemError(
+                f"arcs[{k}].t[{back[0] + 1}]: {arc.t[back[0] + 1]} comes after {arc.t[back[0]]}"
+            )
     horizon = arcs[-1].t[-1] - arcs[0].t[0]
     if not horizon > 0:
-        raise ProblemError(f"arcs: the horizon from {arcs[0].t[0]} to {arcs[-1].t[-1]} has no length")
+        raise ProblemError(
+            f"arcs: the horizon from {arcs[0].t[0]} to {arcs[-1].t[-1]} has no length"
+        )
     for k, (one, two) in enumerate(itertools.pairwise(arcs)):
         if abs(two.t[0] - one.t[-1]) > _GAP * horizon:
-            raise ProblemError(f"arcs[{k + 1}].t[0]: {two.t[0]}, but the arc before it ends at {one.t[-1]}")
+            raise ProblemError(
+                f"arcs[{k + 1}].t[0]: {two.t[0]}, but the arc before it ends at {one.t[-1]}"
+            )
 
 
 def _structure(result: Result) -> None:
     if result.structure and set(result.structure) != set(result.control_names):
-        has, needs = (", ".join(each) or "none" for each in (result.structure, result.control_names))
+        has, needs = (
+            ", ".join(each) or "none" for each in (result.structure, result.control_names)
+        )
         raise ProblemError(f"structure: of the controls {has}, but there are {needs}")
     for name, stretches in result.structure.items():
         if not stretches:

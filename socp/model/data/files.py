@@ -20,18 +20,26 @@ from socp.model.findings import Agreement, Feasibility, Finding, Node, Verdict
 
 SCHEMA = 2  # version of the result file that is written
 T = TypeVar("T")
-_DERIVED = ("word", "switches", "extremal")  # in the file for its readers; a solution works them out
+_DERIVED = (
+    "word",
+    "switches",
+    "extremal",
+)  # in the file for its readers; a solution works them out
 
 
 def to_json(solution: Any) -> str:
-    """Return a solution as text: null for nan, "inf" and "-inf" for infinities, which JSON lacks."""
+    """Return a solution as text: null for nan, "inf" and "-inf" for infinities, which JSON
+    lacks.
+    """
     document = {"schema": SCHEMA, **{name: getattr(solution, name) for name in _DERIVED}}
     document |= {f.name: getattr(solution, f.name) for f in fields(solution)}
     return json.dumps(_plain(document), allow_nan=False, indent=1)
 
 
 def read(text: str, solution: Callable[..., T], stops: Any) -> T:
-    """Return the solution that `to_json` wrote; SolveError says what is wrong with anything else."""
+    """Return the solution that `to_json` wrote; SolveError says what is wrong with anything
+    else.
+    """
     try:
         document = consistency.document(text)
         stop = _stop(document["stop"], stops)
@@ -56,18 +64,23 @@ def _fields(document: Mapping[str, Any]) -> dict[str, Any]:
         "seconds": {name: number(value) for name, value in document["seconds"].items()},
         "trace": {name: tuple(map(number, values)) for name, values in document["trace"].items()},
         "meshes": tuple(tuple(map(number, mesh)) for mesh in document["meshes"]),
-        "structure": {name: tuple((m, float(a), float(b)) for m, a, b in row)
-                      for name, row in document["structure"].items()},
+        "structure": {
+            name: tuple((m, float(a), float(b)) for m, a, b in row)
+            for name, row in document["structure"].items()
+        },
         "nodes": tuple(Node(**_numbers(each)) for each in document["nodes"]),
-        "agreement": None if document["agreement"] is None else Agreement(**_numbers(document["agreement"])),
+        "agreement": None
+        if document["agreement"] is None
+        else Agreement(**_numbers(document["agreement"])),
         "verified": tuple(Feasibility(**_feasibility(each)) for each in document["verified"]),
         "verdict": None if document["verdict"] is None else _verdict(document["verdict"]),
         **{name: tuple(document[name]) for name in ("state_names", "control_names")},
-    }  # fmt: skip
+    }
 
 
 def write_atomic(path: Path, content: str | bytes) -> None:
-    """Write text or bytes to a file beside `path`, then rename it; SolveError names the path where that fails.
+    """Write text or bytes to a file beside `path`, then rename it; SolveError names the path where
+    that fails.
 
     A new file has the permissions that the umask leaves; one that is replaced keeps its own.
     """
@@ -75,7 +88,9 @@ def write_atomic(path: Path, content: str | bytes) -> None:
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise SolveError(f"{path}: is no regular file, which alone can be replaced")
-        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
+        handle = os.open(
+            temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666
+        )
     except OSError as error:
         raise SolveError(f"{path}: cannot be written: {error.strerror or error}") from error
     try:
@@ -110,24 +125,41 @@ def _plain(value: Any) -> Any:
 
 
 def _numbers(data: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: v if isinstance(v, str) and k in {"word", "stop"} else number(v) for k, v in data.items()}
+    return {
+        k: v if isinstance(v, str) and k in {"word", "stop"} else number(v) for k, v in data.items()
+    }
 
 
 def _feasibility(data: Mapping[str, Any]) -> dict[str, Any]:
-    figures = {k: number(data[k]) for k in ("miss", "path", "box", "drift", "objective", "gap") if k in data}
+    figures = {
+        k: number(data[k])
+        for k in ("miss", "path", "box", "drift", "objective", "gap")
+        if k in data
+    }
     return {**data, **figures, "end": tuple(number(v) for v in data["end"])}
 
 
 def _verdict(data: Mapping[str, Any]) -> Verdict:
     figures = {name: number(data[name]) for name in ("miss", "normality", "objective_error")}
-    figures["remaining_error"] = number(data.get("remaining_error"))  # older files have none, nor `flat`
+    figures["remaining_error"] = number(
+        data.get("remaining_error")
+    )  # older files have none, nor `flat`
     named = ("legendre_clebsch", "margins", "ringing")
     tables = {name: {k: number(v) for k, v in data[name].items()} for name in named}
-    findings = tuple(Finding(**{**each, "residual": number(each["residual"])}) for each in data["findings"])
+    findings = tuple(
+        Finding(**{**each, "residual": number(each["residual"])}) for each in data["findings"]
+    )
     errors = tuple((float(t), number(error)) for t, error in data["switch_errors"])
     flat = tuple((float(t), number(reach)) for t, reach in data.get("flat", ()))
     pairs = {"switch_errors": errors, "flat": flat}
-    given = {**data, **figures, **tables, **pairs, "findings": findings, "notes": tuple(data["notes"])}
+    given = {
+        **data,
+        **figures,
+        **tables,
+        **pairs,
+        "findings": findings,
+        "notes": tuple(data["notes"]),
+    }
     given["chattering"] = tuple(data["chattering"])
     return Verdict(**given)
 
@@ -138,7 +170,9 @@ def _row(values: Any) -> np.ndarray:
 
 def _arc(data: Mapping[str, Any]) -> Arc:
     t = _row(data["t"])
-    matrices = {k: np.array([_row(r) for r in data[k]]).reshape(-1, t.size) for k in ("x", "u", "costate")}
+    matrices = {
+        k: np.array([_row(r) for r in data[k]]).reshape(-1, t.size) for k in ("x", "u", "costate")
+    }
     multipliers = {name: _row(values) for name, values in data["multipliers"].items()}
     mesh, modes = np.array(data["mesh"], dtype=int), tuple(data["modes"])
     return Arc(t=t, mesh=mesh, side=data["side"], modes=modes, multipliers=multipliers, **matrices)

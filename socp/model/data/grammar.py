@@ -1,8 +1,9 @@
-"""Expressions as data: a numbered list of numbers, symbols and operations, read back by a whitelist that runs nothing.
+"""Expressions as data: a numbered list of numbers, symbols and operations, read back by a whitelist
+that runs nothing.
 
-An entry of the list is a number, the name of a symbol, or an operation with the places of its arguments, which stand
-before it: `["v", 2.0, ["mul", 0, 1]]` is 2 v. What occurs twice stands once, so that the list is as long as the
-expression has different parts, however often they are used.
+An entry of the list is a number, the name of a symbol, or an operation with the places of its
+arguments, which stand before it: `["v", 2.0, ["mul", 0, 1]]` is 2 v. What occurs twice stands once,
+so that the list is as long as the expression has different parts, however often they are used.
 """
 
 import math
@@ -18,29 +19,79 @@ from socp.model.symbols import Expr, column
 
 Node = float | str | list[str | int]
 
-# a table of some thousand points has 1e5 operations; a file that asks for more is not a problem that can be solved
+# a table of some thousand points has 1e5 operations; a file that asks for more is not a problem
+# that can be solved
 MOST = 200_000
-# a sum over a table nests as deep as the table is long; beyond this casadi itself, which recurs, gives way
+# a sum over a table nests as deep as the table is long; beyond this casadi itself, which recurs,
+# gives way
 DEEPEST = 10_000
-_ROUNDS = 10  # two settle every expression met so far: casadi folds what has become one, such as f f into f**2
+# Two settle every expression met so far: casadi folds what has become one, such as f f into f**2
+_ROUNDS = 10
 _UNARY = (
-    "neg", "exp", "log", "sqrt", "sq", "twice", "inv", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh",
-    "tanh", "asinh", "acosh", "atanh", "fabs", "sign", "floor", "ceil", "erf", "erfinv", "log1p", "expm1", "not",
-)  # fmt: skip
+    "neg",
+    "exp",
+    "log",
+    "sqrt",
+    "sq",
+    "twice",
+    "inv",
+    "sin",
+    "cos",
+    "tan",
+    "asin",
+    "acos",
+    "atan",
+    "sinh",
+    "cosh",
+    "tanh",
+    "asinh",
+    "acosh",
+    "atanh",
+    "fabs",
+    "sign",
+    "floor",
+    "ceil",
+    "erf",
+    "erfinv",
+    "log1p",
+    "expm1",
+    "not",
+)
 _BINARY = (
-    "add", "sub", "mul", "div", "pow", "constpow", "lt", "le", "eq", "ne", "and", "or", "fmod", "remainder",
-    "copysign", "fmin", "fmax", "atan2", "hypot", "if_else_zero",
-)  # fmt: skip
+    "add",
+    "sub",
+    "mul",
+    "div",
+    "pow",
+    "constpow",
+    "lt",
+    "le",
+    "eq",
+    "ne",
+    "and",
+    "or",
+    "fmod",
+    "remainder",
+    "copysign",
+    "fmin",
+    "fmax",
+    "atan2",
+    "hypot",
+    "if_else_zero",
+)
 ARITY: Mapping[str, int] = {**dict.fromkeys(_UNARY, 1), **dict.fromkeys(_BINARY, 2)}
 _CODES = {name: int(getattr(casadi, f"OP_{name.upper()}")) for name in ARITY}
 _NAMES = {code: name for name, code in _CODES.items()}
 
 
-def written(expressions: Sequence[Expr], symbols: Mapping[str, Expr]) -> tuple[list[Node], list[int]]:
-    """Return expressions (m) of named symbols as a list of entries and the places of the m expressions in it.
+def written(
+    expressions: Sequence[Expr], symbols: Mapping[str, Expr]
+) -> tuple[list[Node], list[int]]:
+    """Return expressions (m) of named symbols as a list of entries and the places of the m
+    expressions in it.
 
-    What is read back from it is written as the same list again. Raises ProblemError for an operation or a number that
-    has no spelling.
+    What is read back from it is written as the same list again. Raises ProblemError for an
+    operation or a number that has no spelling.
     """
     found = _listed(expressions, symbols)
     for _ in range(_ROUNDS):
@@ -70,7 +121,9 @@ def read(nodes: Sequence[Node], symbols: Mapping[str, Expr]) -> list[Expr]:
 
 
 def check(nodes: Sequence[Node], names: Mapping[str, Any]) -> None:
-    """Raise ProblemError, with the place, for an entry that is no number, no known symbol and no known operation."""
+    """Raise ProblemError, with the place, for an entry that is no number, no known symbol and no
+    known operation.
+    """
     if len(nodes) > MOST:
         raise ProblemError(f"nodes: {len(nodes)} entries where at most {MOST} are allowed")
     depths: list[int] = []
@@ -91,10 +144,15 @@ def _depth(k: int, node: Any, names: Mapping[str, Any], depths: list[int]) -> in
             raise ProblemError(f"nodes[{k}]: {node} where a finite number is needed")
         return 0
     if not isinstance(node, (list, tuple)) or not node or ARITY.get(str(node[0])) != len(node) - 1:
-        raise ProblemError(f"nodes[{k}]: {_shown(node)} is no number, no symbol and no operation with its arguments")
+        raise ProblemError(
+            f"nodes[{k}]: {_shown(node)} is no number, no symbol and no operation with its "
+            "arguments"
+        )
     for place in node[1:]:
         if isinstance(place, bool) or not isinstance(place, int) or not 0 <= place < k:
-            raise ProblemError(f"nodes[{k}]: argument {_shown(place)} of {node[0]} is no place of an earlier entry")
+            raise ProblemError(
+                f"nodes[{k}]: argument {_shown(place)} of {node[0]} is no place of an earlier entry"
+            )
     return 1 + max(depths[place] for place in node[1:])
 
 
@@ -103,17 +161,29 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _listed(expressions: Sequence[Expr], symbols: Mapping[str, Expr]) -> tuple[list[Node], list[int]]:
-    """Return the list of expressions as they are, equal entries merged, in the order in which casadi meets them."""
+def _listed(
+    expressions: Sequence[Expr], symbols: Mapping[str, Expr]
+) -> tuple[list[Node], list[int]]:
+    """Return the list of expressions as they are, equal entries merged, in the order in which
+    casadi meets them.
+    """
     names = list(symbols)
-    function = casadi.Function("listed", [column(symbols.values())], [casadi.densify(column(expressions))])
+    function = casadi.Function(
+        "listed", [column(symbols.values())], [casadi.densify(column(expressions))]
+    )
     nodes: list[Node] = []
     known: dict[Any, int] = {}
     work: dict[int, int] = {}  # register -> place
     places = [-1] * len(expressions)
 
     def place(node: Node) -> int:
-        key = node.hex() if isinstance(node, float) else (node,) if isinstance(node, str) else tuple(node)
+        key = (
+            node.hex()
+            if isinstance(node, float)
+            else (node,)
+            if isinstance(node, str)
+            else tuple(node)
+        )
         if key not in known:
             known[key] = len(nodes)
             nodes.append(node)
@@ -131,8 +201,12 @@ def _listed(expressions: Sequence[Expr], symbols: Mapping[str, Expr]) -> tuple[l
             arguments = [work[register] for register in function.instruction_input(k)]
             work[output[0]] = place([_NAMES[operation], *arguments[: ARITY[_NAMES[operation]]]])
         else:
-            raise ProblemError(f"the operation '{operation_name(operation)}' cannot be written as data")
-    zero = place(0.0) if -1 in places else -1  # casadi writes no instruction for an output that is zero throughout
+            raise ProblemError(
+                f"the operation '{operation_name(operation)}' cannot be written as data"
+            )
+    zero = (
+        place(0.0) if -1 in places else -1
+    )  # casadi writes no instruction for an output that is zero throughout
     return nodes, [zero if each == -1 else each for each in places]
 
 

@@ -1,4 +1,5 @@
-"""Problems as data: the statement that a result file carries, its fingerprint, and the way back to a problem.
+"""Problems as data: the statement that a result file carries, its fingerprint, and the way back to
+a problem.
 
 A statement holds names, numbers and lists of operations, and nothing that could be run.
 """
@@ -15,7 +16,16 @@ from socp.model.data import grammar, stated
 from socp.model.parts import Reference
 from socp.model.ranges import interval
 from socp.model.scene import Scene
-from socp.model.symbols import Expr, controls, final_time, initial, initial_time, parameters, states, time
+from socp.model.symbols import (
+    Expr,
+    controls,
+    final_time,
+    initial,
+    initial_time,
+    parameters,
+    states,
+    time,
+)
 
 if TYPE_CHECKING:
     from socp.model.problem import Problem
@@ -28,7 +38,9 @@ _LAWS = ("singular", "boundary")
 
 
 def written(problem: "Problem") -> Data:
-    """Return a problem as data; ProblemError, with the name and the place, where part of it has no spelling."""
+    """Return a problem as data; ProblemError, with the name and the place, where part of it has no
+    spelling.
+    """
     symbols = _symbols(problem)
     try:
         parts = dict(_expressions(problem))
@@ -36,12 +48,18 @@ def written(problem: "Problem") -> Data:
         at = dict(zip(parts, places, strict=True))
         about = _about(problem, symbols)
     except ProblemError as error:
-        raise ProblemError(f"problem '{problem.name}' cannot be written as data: {error}") from error
+        raise ProblemError(
+            f"problem '{problem.name}' cannot be written as data: {error}"
+        ) from error
     data: Data = {
-        "states": list(problem.state_names), "controls": list(problem.control_names),
-        "parameters": list(problem.parameter_names), "nodes": nodes, "minimise": at.get(("minimise",)),
-        "running": at.get(("running",)), **{table: {} for table in ("dynamics", "path", "target", *_LAWS)},
-    }  # fmt: skip
+        "states": list(problem.state_names),
+        "controls": list(problem.control_names),
+        "parameters": list(problem.parameter_names),
+        "nodes": nodes,
+        "minimise": at.get(("minimise",)),
+        "running": at.get(("running",)),
+        **{table: {} for table in ("dynamics", "path", "target", *_LAWS)},
+    }
     for (table, *names), place in at.items():
         if len(names) == 1:
             data[table][names[0]] = place
@@ -54,12 +72,16 @@ def written(problem: "Problem") -> Data:
     try:
         stated.check(data)  # what is written can be read
     except ProblemError as error:
-        raise ProblemError(f"problem '{problem.name}' cannot be written as data: {error}") from error
+        raise ProblemError(
+            f"problem '{problem.name}' cannot be written as data: {error}"
+        ) from error
     return data
 
 
 def differences(one: "Problem", other: "Problem") -> tuple[str, ...]:
-    """Return where two problems differ, such as `start.x` or `dynamics.v`; empty where their fingerprints are equal."""
+    """Return where two problems differ, such as `start.x` or `dynamics.v`; empty where their
+    fingerprints are equal.
+    """
     if one.fingerprint == other.fingerprint:
         return ()
     first, second = dict(_entries(one)), dict(_entries(other))
@@ -75,14 +97,19 @@ def arguments(data: Mapping[str, Any]) -> Data:
     """
     stated.check(data)
     declared = {
-        **{name: states(name) for name in data["states"]}, **{name: controls(name) for name in data["controls"]},
+        **{name: states(name) for name in data["states"]},
+        **{name: controls(name) for name in data["controls"]},
         **{name: parameters(name) for name in data["parameters"]},
-    }  # fmt: skip
+    }
     symbols = {**declared, **_fixed([declared[name] for name in data["states"]])}
     nodes = grammar.read(data["nodes"], symbols)
-    found: Data = {each: None if data[each] is None else nodes[data[each]] for each in ("minimise", "running")}
+    found: Data = {
+        each: None if data[each] is None else nodes[data[each]] for each in ("minimise", "running")
+    }
     for table in _NUMBERS:
-        found[table] = {symbols[name]: tuple(map(stated.number, value)) for name, value in data[table].items()}
+        found[table] = {
+            symbols[name]: tuple(map(stated.number, value)) for name, value in data[table].items()
+        }
     for each in ("initial_time", "final_time"):
         found[each] = tuple(map(stated.number, data[each]))
     for table in ("dynamics", *_LAWS):
@@ -110,7 +137,10 @@ def _expressions(problem: "Problem") -> Iterator[tuple[Place, Expr]]:
 def _entries(problem: "Problem") -> Iterator[tuple[Place, Any]]:
     """Yield (place, plain value) of all that defines a problem, every expression by itself."""
     symbols, data = _symbols(problem), problem.statement
-    yield from (((kind,), data[kind]) for kind in ("states", "controls", "parameters", "initial_time", "final_time"))
+    yield from (
+        ((kind,), data[kind])
+        for kind in ("states", "controls", "parameters", "initial_time", "final_time")
+    )
     for table in _NUMBERS:
         yield from (((table, name), value) for name, value in data[table].items())
     yield from ((place, grammar.written([each], symbols)) for place, each in _expressions(problem))
@@ -123,23 +153,34 @@ def _symbols(problem: "Problem") -> dict[str, Expr]:
 
 
 def _fixed(its_states: Sequence[Expr]) -> dict[str, Expr]:
-    """Return the symbols that every problem has, by name: times, and the initial values of its states."""
+    """Return the symbols that every problem has, by name: times, and the initial values of its
+    states.
+    """
     starts = {stated.at_start(state.name()): initial(state) for state in its_states}
     return {"t": time, "t0": initial_time, "tf": final_time, **starts}
 
 
 def _intervals(table: Mapping[Expr, Any]) -> Data:
     """Return the intervals of symbols by name, without those that are free."""
-    found = {symbol.name(): list(map(stated.spelled, interval(value))) for symbol, value in table.items()}
+    found = {
+        symbol.name(): list(map(stated.spelled, interval(value))) for symbol, value in table.items()
+    }
     return {name: value for name, value in found.items() if value != ["-inf", "inf"]}
 
 
 def _about(problem: "Problem", symbols: Mapping[str, Expr]) -> Data:
-    """Return what is known beside the problem: texts, units, reference values, the scene and the guess."""
+    """Return what is known beside the problem: texts, units, reference values, the scene and the
+    guess.
+    """
     scene, parts = problem.scene, dict[Place, Expr]()
     if scene is not None:
         pairs = {"plane": scene.plane, "flow": scene.flow or (), "heading": (scene.heading,)}
-        parts = {("scene", k, str(i)): e for k, es in pairs.items() for i, e in enumerate(es) if e is not None}
+        parts = {
+            ("scene", k, str(i)): e
+            for k, es in pairs.items()
+            for i, e in enumerate(es)
+            if e is not None
+        }
     for symbol, value in problem.guess.items():
         both = value if isinstance(value, (tuple, list, np.ndarray)) else [value]
         parts |= {("guess", symbol.name(), str(i)): each for i, each in enumerate(both)}
@@ -153,10 +194,15 @@ def _about(problem: "Problem", symbols: Mapping[str, Expr]) -> Data:
         reference |= {**figures, "switches": list(map(stated.spelled, reference["switches"]))}
     disc = None if scene is None or scene.target is None else list(map(float, scene.target))
     return {
-        "title": problem.title, "source": problem.source, "reference": reference, "nodes": nodes,
-        "units": {symbol.name(): unit for symbol, unit in problem.units.items()}, "guess": tables["guess"],
-        "scene": None if scene is None else tables["scene"], "target": disc,
-    }  # fmt: skip
+        "title": problem.title,
+        "source": problem.source,
+        "reference": reference,
+        "nodes": nodes,
+        "units": {symbol.name(): unit for symbol, unit in problem.units.items()},
+        "guess": tables["guess"],
+        "scene": None if scene is None else tables["scene"],
+        "target": disc,
+    }
 
 
 def _described(about: Mapping[str, Any], symbols: Mapping[str, Expr]) -> Data:
@@ -165,12 +211,23 @@ def _described(about: Mapping[str, Any], symbols: Mapping[str, Expr]) -> Data:
     reference, scene = about["reference"], None
     if reference is not None:
         figures = {each: stated.number(reference[each]) for each in ("objective", "tolerance")}
-        reference = Reference(**{**reference, **figures, "switches": tuple(map(stated.number, reference["switches"]))})
+        reference = Reference(
+            **{**reference, **figures, "switches": tuple(map(stated.number, reference["switches"]))}
+        )
     if about["scene"] is not None:
-        parts = {name: tuple(nodes[place] for place in places) for name, places in about["scene"].items()}
+        parts = {
+            name: tuple(nodes[place] for place in places) for name, places in about["scene"].items()
+        }
         heading = parts.pop("heading", (None,))[0]
-        scene = Scene(**parts, heading=heading, target=None if about["target"] is None else tuple(about["target"]))
-    guess = {symbols[name]: _guessed([nodes[place] for place in places]) for name, places in about["guess"].items()}
+        scene = Scene(
+            **parts,
+            heading=heading,
+            target=None if about["target"] is None else tuple(about["target"]),
+        )
+    guess = {
+        symbols[name]: _guessed([nodes[place] for place in places])
+        for name, places in about["guess"].items()
+    }
     units = {symbols[name]: unit for name, unit in about["units"].items()}
     texts = {each: about[each] for each in ("title", "source")}
     return {**texts, "reference": reference, "scene": scene, "guess": guess, "units": units}
@@ -182,4 +239,8 @@ def _guessed(parts: list[Expr]) -> Any:
 
 
 def _placed(value: Any, nodes: list[Expr]) -> Any:
-    return {name: nodes[place] for name, place in value.items()} if isinstance(value, Mapping) else nodes[value]
+    return (
+        {name: nodes[place] for name, place in value.items()}
+        if isinstance(value, Mapping)
+        else nodes[value]
+    )

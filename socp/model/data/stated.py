@@ -1,4 +1,6 @@
-"""Statements: problems as data, in the layout that result files carry, and what is wrong with one that is none."""
+"""Statements: problems as data, in the layout that result files carry, and what is wrong with one
+that is none.
+"""
 
 import hashlib
 import json
@@ -19,9 +21,15 @@ Limit = float | Literal["inf", "-inf"]
 Interval = tuple[Limit, Limit]
 Nodes = list[grammar.Node]
 
-_SCENE = {"plane": (2,), "flow": (0, 2), "heading": (0, 1)}  # how many expressions there are to each
-_MOST = 10_000  # symbols: a state of each point of a fine grid in a plane; the judge's algebra ends long before
-_LONGEST = 500  # characters of a message: what is wrong is said in fewer, the rest is what a file put there
+_SCENE = {
+    "plane": (2,),
+    "flow": (0, 2),
+    "heading": (0, 1),
+}  # how many expressions there are to each
+# Symbols: a state of each point of a fine grid in a plane; the judge's algebra ends long before
+_MOST = 10_000
+# Characters of a message: what is wrong is said in fewer, the rest is what a file put there
+_LONGEST = 500
 OUTSIDE = ("fingerprint", "name", "about")  # of a statement: what its fingerprint is not of
 
 
@@ -88,7 +96,9 @@ def converted(data: Any, kind: type[T]) -> T:
 
 
 def check(data: Any) -> None:
-    """Raise ProblemError, naming the field, for data that is no statement; whether its problem is one is not asked."""
+    """Raise ProblemError, naming the field, for data that is no statement; whether its problem is
+    one is not asked.
+    """
     statement = converted(data, Statement)
     _names(statement)
     _texts(statement)
@@ -102,7 +112,9 @@ def check(data: Any) -> None:
         if place >= len(nodes):
             raise ProblemError(f"{where}: {place} where a place among {len(nodes)} nodes is needed")
     if statement.fingerprint != fingerprint(data):
-        raise ProblemError("fingerprint: it is not that of the statement, which was changed after it was written")
+        raise ProblemError(
+            "fingerprint: it is not that of the statement, which was changed after it was written"
+        )
 
 
 def repeated(names: list[str]) -> str | None:
@@ -116,14 +128,18 @@ def repeated(names: list[str]) -> str | None:
 
 
 def shown(error: object) -> str:
-    """Return what a message quotes of a file: short, and nothing in it that a terminal would obey."""
+    """Return what a message quotes of a file: short, and nothing in it that a terminal would
+    obey.
+    """
     text = str(error)
     text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
     return "".join(each if each.isprintable() else repr(each)[1:-1] for each in text)
 
 
 def fingerprint(data: Mapping[str, Any]) -> str:
-    """Return the sha256 of a statement's canonical JSON: keys in order, no blanks, without what defines nothing."""
+    """Return the sha256 of a statement's canonical JSON: keys in order, no blanks, without what
+    defines nothing.
+    """
     defining = {key: value for key, value in data.items() if key not in OUTSIDE}
     text = json.dumps(defining, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -141,10 +157,16 @@ def at_start(state: str) -> str:
 
 
 def constraint_names(data: Mapping[str, Any]) -> list[str]:
-    """Return the names of all state constraints of a statement: bounds of states, and those of `path`."""
-    bounds = [(name, k, side) for name in data["states"] for k, side in enumerate(("lower", "upper"))]
+    """Return the names of all state constraints of a statement: bounds of states, and those of
+    `path`.
+    """
+    bounds = [
+        (name, k, side) for name in data["states"] for k, side in enumerate(("lower", "upper"))
+    ]
     free = ("-inf", "inf")
-    found = [f"{name}.{side}" for name, k, side in bounds if data["bounds"].get(name, free)[k] != free[k]]
+    found = [
+        f"{name}.{side}" for name, k, side in bounds if data["bounds"].get(name, free)[k] != free[k]
+    ]
     return [*found, *data["path"]]
 
 
@@ -166,25 +188,40 @@ def _names(statement: Statement) -> None:
     if twice is not None:
         raise ProblemError(f"states, controls, parameters: the name '{twice}' is there twice")
     if len(symbols) > _MOST:
-        raise ProblemError(f"states, controls, parameters: {len(symbols)} where at most {_MOST} are allowed")
+        raise ProblemError(
+            f"states, controls, parameters: {len(symbols)} where at most {_MOST} are allowed"
+        )
     kinds = (
-        ("dynamics", statement.states), ("start", statement.states), ("end", statement.states), ("bounds", symbols),
-        ("singular", statement.controls), ("boundary", statement.controls), ("about.guess", [*symbols, "t0", "tf"]),
+        ("dynamics", statement.states),
+        ("start", statement.states),
+        ("end", statement.states),
+        ("bounds", symbols),
+        ("singular", statement.controls),
+        ("boundary", statement.controls),
+        ("about.guess", [*symbols, "t0", "tf"]),
         ("about.units", [*symbols, "t", "t0", "tf"]),
-    )  # fmt: skip
+    )
     for table, allowed in kinds:
-        its = getattr(statement.about, table[6:]) if table.startswith("about.") else getattr(statement, table)
+        its = (
+            getattr(statement.about, table[6:])
+            if table.startswith("about.")
+            else getattr(statement, table)
+        )
         strange = its.keys() - set(allowed)
         if strange:
             its_names = ", ".join(allowed) or "none"
-            raise ProblemError(f"{table}: no symbol '{min(strange)}' goes here; there are {its_names}")
+            raise ProblemError(
+                f"{table}: no symbol '{min(strange)}' goes here; there are {its_names}"
+            )
     if list(statement.dynamics) != statement.states:
         raise ProblemError("dynamics: not one rate for each of the states, in their order")
     _counts(statement.about)
 
 
 def _texts(statement: Statement) -> None:
-    """Check that names can be printed, and that other texts hold nothing that a terminal would obey."""
+    """Check that names can be printed, and that other texts hold nothing that a terminal would
+    obey.
+    """
     about = statement.about
     laws = [each for each in statement.boundary.values() if isinstance(each, dict)]
     tables = (statement.path, statement.target, *laws)
@@ -202,10 +239,14 @@ def _counts(about: About) -> None:
     if about.scene is not None:
         for each in dict.fromkeys([*_SCENE, *about.scene]):
             if len(about.scene.get(each, [])) not in _SCENE.get(each, ()):
-                raise ProblemError(f"about.scene.{each}: {len(about.scene.get(each, []))} expressions")
+                raise ProblemError(
+                    f"about.scene.{each}: {len(about.scene.get(each, []))} expressions"
+                )
     for name, parts in about.guess.items():
         if len(parts) not in {1, 2}:
-            raise ProblemError(f"about.guess.{name}: {len(parts)} values where one or two are needed")
+            raise ProblemError(
+                f"about.guess.{name}: {len(parts)} values where one or two are needed"
+            )
 
 
 def _places(statement: Statement) -> Iterator[tuple[str, int, Nodes]]:
@@ -219,5 +260,8 @@ def _places(statement: Statement) -> Iterator[tuple[str, int, Nodes]]:
                 yield f"{table}.{name}", place, statement.nodes
     about = statement.about
     drawn = [(f"scene.{name}", places) for name, places in (about.scene or {}).items()]
-    for name, places in [*drawn, *((f"guess.{name}", places) for name, places in about.guess.items())]:
+    for name, places in [
+        *drawn,
+        *((f"guess.{name}", places) for name, places in about.guess.items()),
+    ]:
         yield from ((f"about.{name}", place, about.nodes) for place in places)

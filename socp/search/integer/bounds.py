@@ -1,4 +1,6 @@
-"""Intervals that hold all values of an expression on a box: big-M constants and bounds of states come from them."""
+"""Intervals that hold all values of an expression on a box: big-M constants and bounds of states
+come from them.
+"""
 
 import math
 from collections.abc import Callable
@@ -16,18 +18,28 @@ _ALL: Span = (-math.inf, math.inf)
 
 
 def enclosed(expressions: Expr, symbols: Expr, box: np.ndarray) -> np.ndarray:
-    """Return an interval (2, m) for every expression (m, 1) of symbols (n, 1) within box (2, n), infinite ones allowed.
+    """Return an interval (2, m) for every expression (m, 1) of symbols (n, 1) within box (2, n),
+    infinite ones allowed.
 
-    By interval arithmetic, so it may be wider than the values; what casadi computes beyond the functions known here is
-    taken as unbounded.
+    By interval arithmetic, so it may be wider than the values; what casadi computes beyond the
+    functions known here is taken as unbounded.
     """
     spans: list[Span] = [(float(low), float(high)) for low, high in box.T]
-    found = walked(expressions, symbols, spans, _OPERATIONS, lambda number: (number, number), lambda *_given: _ALL)
+    found = walked(
+        expressions,
+        symbols,
+        spans,
+        _OPERATIONS,
+        lambda number: (number, number),
+        lambda *_given: _ALL,
+    )
     return np.array(found, dtype=float).reshape(-1, 2).T
 
 
 def _times(a: float, b: float) -> float:
-    return 0.0 if a == 0 or b == 0 else a * b  # 0 times infinity is 0: the factor is a bound, not a limit
+    return (
+        0.0 if a == 0 or b == 0 else a * b
+    )  # 0 times infinity is 0: the factor is a bound, not a limit
 
 
 def _mul(a: Span, b: Span) -> Span:
@@ -59,8 +71,10 @@ def _wave(function: Callable[[float], float], crest: float) -> Callable[[Span], 
         if not all(map(math.isfinite, a)) or a[1] - a[0] >= 2 * math.pi:
             return -1.0, 1.0
         low, high = sorted((function(a[0]), function(a[1])))
-        meets = [math.floor((a[1] - at) / (2 * math.pi)) >= math.ceil((a[0] - at) / (2 * math.pi))
-                 for at in (crest, crest + math.pi)]  # fmt: skip
+        meets = [
+            math.floor((a[1] - at) / (2 * math.pi)) >= math.ceil((a[0] - at) / (2 * math.pi))
+            for at in (crest, crest + math.pi)
+        ]
         return (-1.0 if meets[1] else low), (1.0 if meets[0] else high)
 
     return on
@@ -129,16 +143,20 @@ _ROUNDS = 8  # tighter bounds may bound the rates more tightly; this many times 
 
 
 def reachable(problem: Problem, horizon: float, t: Table) -> np.ndarray:
-    """Return bounds (2, nx) of the states at all nodes of arcs collocated by a table, within a horizon at most so long.
+    """Return bounds (2, nx) of the states at all nodes of arcs collocated by a table, within a
+    horizon at most so long.
 
-    At the ends of arcs a state is as far from both ends of the horizon as its rate allows. Between them a collocation
-    polynomial may leave that region, by its coefficients of the wrong sign. Infinite where nothing bounds the state.
+    At the ends of arcs a state is as far from both ends of the horizon as its rate allows. Between
+    them a collocation polynomial may leave that region, by its coefficients of the wrong sign.
+    Infinite where nothing bounds the state.
     """
     box, symbols = problem.state_box.copy(), casadi.vertcat(problem.x, problem.u, time, problem.p)
     times = np.array([[problem.initial_time_box[0]], [problem.final_time_box[1]]])
     over = horizon * _overshoot(t)
     for _ in range(_ROUNDS):
-        low, high = enclosed(problem.rate, symbols, np.hstack([box, problem.box, times, problem.parameter_box]))
+        low, high = enclosed(
+            problem.rate, symbols, np.hstack([box, problem.box, times, problem.parameter_box])
+        )
         with np.errstate(invalid="ignore"):
             top = _farthest(problem.start_box[1], problem.end_box[1], low, high, horizon)
             bottom = -_farthest(-problem.start_box[0], -problem.end_box[0], -high, -low, horizon)
@@ -147,8 +165,12 @@ def reachable(problem: Problem, horizon: float, t: Table) -> np.ndarray:
     return box
 
 
-def _farthest(start: np.ndarray, end: np.ndarray, low: np.ndarray, high: np.ndarray, horizon: float) -> np.ndarray:
-    """Return the largest of min(start + high t, end - low (horizon - t)) over t; infinite where it is unbounded."""
+def _farthest(
+    start: np.ndarray, end: np.ndarray, low: np.ndarray, high: np.ndarray, horizon: float
+) -> np.ndarray:
+    """Return the largest of min(start + high t, end - low (horizon - t)) over t; infinite where it
+    is unbounded.
+    """
     spread = np.where(high > low, high - low, 1.0)
     meet = np.clip((end - start - low * horizon) / spread, 0.0, horizon)
     meet = np.where(np.isfinite(meet), meet, np.where(np.isfinite(start), horizon, 0.0))
@@ -158,10 +180,11 @@ def _farthest(start: np.ndarray, end: np.ndarray, low: np.ndarray, high: np.ndar
 
 
 def _overshoot(t: Table) -> float:
-    """Return the largest sum of the negative coefficients of a node's state, as a share of the arc's length.
+    """Return the largest sum of the negative coefficients of a node's state, as a share of the
+    arc's length.
 
-    The state is that of the nearer end plus the length times coefficients times rates; the coefficients sum to the
-    distance from that end.
+    The state is that of the nearer end plus the length times coefficients times rates; the
+    coefficients sum to the distance from that end.
     """
     A, B = t.A.toarray(), t.B.toarray()
     forward = np.linalg.solve(A[:, 1:], B)

@@ -1,7 +1,8 @@
-"""Generalised disjunctive programmes for Pyomo.GDP, written as a Python script that builds them, and built from it.
+"""Generalised disjunctive programmes for Pyomo.GDP, written as a Python script that builds them,
+and built from it.
 
-One disjunct an arc and combination of modes, with the laws of the controls and the entry conditions under it; the
-defects hold for all. The script stands alone: it needs Pyomo and nothing else.
+One disjunct an arc and combination of modes, with the laws of the controls and the entry conditions
+under it; the defects hold for all. The script stands alone: it needs Pyomo and nothing else.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,14 +24,29 @@ from socp.search.integer.template import MODEL
 from socp.solvers import NLPPoint
 from socp.transcription import Table, lgr, table, uniform
 
-_FUNCTIONS = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")
+_FUNCTIONS = (
+    "sin",
+    "cos",
+    "tan",
+    "asin",
+    "acos",
+    "atan",
+    "sinh",
+    "cosh",
+    "tanh",
+    "exp",
+    "log",
+    "sqrt",
+)
 _SIGNS = {"ADD": "+", "SUB": "-", "MUL": "*", "DIV": "/", "POW": "**", "CONSTPOW": "**"}
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Disjunctive:
-    """A script that builds `model`, and the binaries of the reduction (nz,) that every combination stands for."""
+    """A script that builds `model`, and the binaries of the reduction (nz,) that every combination
+    stands for.
+    """
 
     script: str
     binaries: tuple[tuple[float, ...], ...]
@@ -44,12 +60,14 @@ class Disjunctive:
 
 def pyomo_model(
     problem: Problem, switches: int, points: int, transformation: str = "", horizon: float = np.inf
-) -> Any:  # fmt: skip
-    """Return a problem on `switches` + 1 arcs of `points` Legendre-Gauss-Radau points as a Pyomo.GDP model.
+) -> Any:
+    """Return a problem on `switches` + 1 arcs of `points` Legendre-Gauss-Radau points as a
+    Pyomo.GDP model.
 
-    `transformation` is "bigm" or "hull" for the mixed-integer programme that Pyomo makes of it, empty for disjuncts.
-    The hull needs bounds of all states: those that follow from a longest `horizon` are used, where one is given.
-    Raises MethodError for a negative number of switches, and for an operation that Pyomo does not have.
+    `transformation` is "bigm" or "hull" for the mixed-integer programme that Pyomo makes of it,
+    empty for disjuncts. The hull needs bounds of all states: those that follow from a longest
+    `horizon` are used, where one is given. Raises MethodError for a negative number of switches,
+    and for an operation that Pyomo does not have.
     """
     model = disjunctive(problem, switches, points, horizon=horizon).model()
     if transformation:
@@ -60,22 +78,30 @@ def pyomo_model(
 
 
 def disjunctive(
-    problem: Problem, switches: int, points: int, start: NLPPoint | None = None, *,
-    horizon: float = np.inf, elementary: bool = False,
-) -> Disjunctive:  # fmt: skip
+    problem: Problem,
+    switches: int,
+    points: int,
+    start: NLPPoint | None = None,
+    *,
+    horizon: float = np.inf,
+    elementary: bool = False,
+) -> Disjunctive:
     """Return the disjunctive programme.
 
-    `start`: a point of the collocated reduction, for the values of the variables; `horizon`: the longest that matters;
-    `elementary` writes what Pyomo does not differentiate in other words.
+    `start`: a point of the collocated reduction, for the values of the variables; `horizon`: the
+    longest that matters; `elementary` writes what Pyomo does not differentiate in other words.
     """
     choice = binary_modes(problem, switches, collocated=True).phases[0].choice
     assert choice is not None  # noqa: S101 - every phase of the reduction has one
     combinations = arc_modes(problem)
     t = table(uniform(lgr(points), 1))
     parts = (
-        [_head(problem, switches, points)], _data(problem, switches, (t, horizon), combinations),
-        _functions(problem, combinations, elementary=elementary), [MODEL], _values(start) if start is not None else [],
-    )  # fmt: skip
+        [_head(problem, switches, points)],
+        _data(problem, switches, (t, horizon), combinations),
+        _functions(problem, combinations, elementary=elementary),
+        [MODEL],
+        _values(start) if start is not None else [],
+    )
     binaries = tuple(tuple(choice.values(tuple(map(str, each))).tolist()) for each in combinations)
     return Disjunctive("\n".join(line for part in parts for line in part), binaries)
 
@@ -84,10 +110,11 @@ def _head(problem: Problem, switches: int, points: int) -> str:
     legend = "; ".join(
         f"{what} {', '.join(f'{letter}[{i}] = {name}' for i, name in enumerate(names)) or 'none'}"
         for what, letter, names in (
-            ("states", "x", problem.state_names), ("controls", "u", problem.control_names),
+            ("states", "x", problem.state_names),
+            ("controls", "u", problem.control_names),
             ("parameters", "p", problem.parameter_names),
         )
-    )  # fmt: skip
+    )
     return (
         f'"""{_inside(problem.name)}: at most {switches} switches, {switches + 1} arcs of {points} '
         f"Legendre-Gauss-Radau points; a Pyomo.GDP model.\n\n"
@@ -98,30 +125,45 @@ def _head(problem: Problem, switches: int, points: int) -> str:
 
 
 def _inside(text: str) -> str:
-    """Return text as it may stand inside the script's docstring, which it can neither end nor break."""
+    """Return text as it may stand inside the script's docstring, which it can neither end nor
+    break.
+    """
     return one_line(text).replace("\\", "\\\\").replace('"', "'")
 
 
 def _data(
     problem: Problem, switches: int, grid: tuple[Table, float], combinations: Sequence[Modes]
-) -> Iterator[str]:  # fmt: skip
-    """Yield the tables of the programme as assignments; grid: the table of an arc, and the longest horizon."""
+) -> Iterator[str]:
+    """Yield the tables of the programme as assignments; grid: the table of an arc, and the longest
+    horizon.
+    """
     t, horizon = grid
     box = reachable(problem, horizon, t) if np.isfinite(horizon) else problem.state_box
     spans = _spans(problem, combinations)
     data = {
-        "ARCS": switches + 1, "POINTS": t.collocated.tolist(), "NODES": t.tau.size, "TAU": t.tau.tolist(),
-        "A": t.A.toarray().tolist(), "B": t.B.toarray()[:, t.collocated].tolist(),
+        "ARCS": switches + 1,
+        "POINTS": t.collocated.tolist(),
+        "NODES": t.tau.size,
+        "TAU": t.tau.tolist(),
+        "A": t.A.toarray().tolist(),
+        "B": t.B.toarray()[:, t.collocated].tolist(),
         "WEIGHTS": t.weights[t.collocated].tolist(),
-        "NX": problem.x.numel(), "NU": problem.u.numel(), "NP": problem.p.numel(),
-        "X_BOX": _pairs(box), "U_BOX": _pairs(problem.box), "P_BOX": _pairs(problem.parameter_box),
-        "START": _pairs(problem.start_box), "END": _pairs(problem.end_box),
+        "NX": problem.x.numel(),
+        "NU": problem.u.numel(),
+        "NP": problem.p.numel(),
+        "X_BOX": _pairs(box),
+        "U_BOX": _pairs(problem.box),
+        "P_BOX": _pairs(problem.parameter_box),
+        "START": _pairs(problem.start_box),
+        "END": _pairs(problem.end_box),
         "LONGEST": horizon if np.isfinite(horizon) else None,
-        "T0": _pairs(np.array([problem.initial_time_box]).T)[0], "TF": _pairs(np.array([problem.final_time_box]).T)[0],
+        "T0": _pairs(np.array([problem.initial_time_box]).T)[0],
+        "TF": _pairs(np.array([problem.final_time_box]).T)[0],
         "EQUATION": [condition.equation for condition in problem.conditions],
         "MODES": [" ".join(map(str, each)) for each in combinations],
-        "COSTATE": [laws.arc_law(problem, each).costate for each in combinations], "BIG_M": spans,
-    }  # fmt: skip
+        "COSTATE": [laws.arc_law(problem, each).costate for each in combinations],
+        "BIG_M": spans,
+    }
     for name, value in data.items():
         yield f"{name} = {pformat(value, width=116, compact=True)}"
 
@@ -130,8 +172,12 @@ def _pairs(box: np.ndarray) -> list[tuple[float | None, float | None]]:
     return [tuple(float(v) if np.isfinite(v) else None for v in each) for each in box.T]  # type: ignore[misc]
 
 
-def _spans(problem: Problem, combinations: Sequence[Modes]) -> list[list[tuple[float, float] | None]]:
-    """Return how far a control may be from its law in every combination, None where nothing bounds that."""
+def _spans(
+    problem: Problem, combinations: Sequence[Modes]
+) -> list[list[tuple[float, float] | None]]:
+    """Return how far a control may be from its law in every combination, None where nothing bounds
+    that.
+    """
     symbols = casadi.vertcat(problem.x, time, problem.p, problem.costate)
     unknown = np.repeat([[-np.inf], [np.inf]], problem.x.numel(), axis=1)
     times = [[problem.initial_time_box[0]], [problem.final_time_box[1]]]
@@ -140,11 +186,15 @@ def _spans(problem: Problem, combinations: Sequence[Modes]) -> list[list[tuple[f
     for each in combinations:
         low, high = enclosed(laws.arc_law(problem, each).control, symbols, box)
         spans = np.array([problem.box[0] - high, problem.box[1] - low]).T
-        found.append([(float(a), float(b)) if np.isfinite([a, b]).all() else None for a, b in spans])
+        found.append(
+            [(float(a), float(b)) if np.isfinite([a, b]).all() else None for a, b in spans]
+        )
     return found
 
 
-def _functions(problem: Problem, combinations: Sequence[Modes], *, elementary: bool) -> Iterator[str]:
+def _functions(
+    problem: Problem, combinations: Sequence[Modes], *, elementary: bool
+) -> Iterator[str]:
     """Yield the functions of the programme."""
     written = partial(_function, elementary=elementary)
     x, u, p, y = problem.x, problem.u, problem.p, problem.costate
@@ -165,7 +215,9 @@ def _functions(problem: Problem, combinations: Sequence[Modes], *, elementary: b
 
 
 def _function(name: str, arguments: dict[str, Expr], expressions: Expr, *, elementary: bool) -> str:
-    """Return a Python function of the arguments that computes expressions (m, 1) step by step, as text."""
+    """Return a Python function of the arguments that computes expressions (m, 1) step by step, as
+    text.
+    """
     lines: list[str] = []
 
     def step(text: str) -> str:
@@ -173,8 +225,14 @@ def _function(name: str, arguments: dict[str, Expr], expressions: Expr, *, eleme
         return f"w{len(lines) - 1}"
 
     operations: dict[int, Any] = {
-        **{getattr(casadi, f"OP_{f.upper()}"): (lambda a, f=f: step(f"{f}({a})")) for f in _FUNCTIONS},
-        **{getattr(casadi, f"OP_{s}"): (lambda a, b, s=sign: step(f"{a} {s} {b}")) for s, sign in _SIGNS.items()},
+        **{
+            getattr(casadi, f"OP_{f.upper()}"): (lambda a, f=f: step(f"{f}({a})"))
+            for f in _FUNCTIONS
+        },
+        **{
+            getattr(casadi, f"OP_{s}"): (lambda a, b, s=sign: step(f"{a} {s} {b}"))
+            for s, sign in _SIGNS.items()
+        },
         casadi.OP_ASSIGN: lambda a: a,
         casadi.OP_NEG: lambda a: step(f"-{a}"),
         casadi.OP_SQ: lambda a: step(f"{a}**2"),
@@ -186,15 +244,18 @@ def _function(name: str, arguments: dict[str, Expr], expressions: Expr, *, eleme
     symbols = casadi.vertcat(*arguments.values())
     values = [
         key if each.numel() == 1 and key in {"t", "t0", "tf"} else f"{key}[{i}]"
-        for key, each in arguments.items() for i in range(each.numel())
-    ]  # fmt: skip
+        for key, each in arguments.items()
+        for i in range(each.numel())
+    ]
     found = walked(expressions, symbols, values, operations, lambda number: f"({number!r})")
     listed = ", ".join(map(str, found))
     return "\n".join([f"\n\ndef {name}({', '.join(arguments)}):", *lines, f"    return [{listed}]"])
 
 
 def _elementary(step: Callable[[str], str]) -> dict[int, Callable[[str], str]]:
-    """Return what Pyomo cannot differentiate everywhere in other words; |a| is rounded off by 1e-6 where it is 0."""
+    """Return what Pyomo cannot differentiate everywhere in other words; |a| is rounded off by 1e-6
+    where it is 0.
+    """
     return {
         casadi.OP_TANH: lambda a: step(f"1 - 2 / (exp(2 * {a}) + 1)"),
         casadi.OP_SINH: lambda a: step(f"(exp({a}) - exp(-({a}))) / 2"),
@@ -205,6 +266,9 @@ def _elementary(step: Callable[[str], str]) -> dict[int, Callable[[str], str]]:
 
 def _values(start: NLPPoint) -> Iterator[str]:
     """Yield the values of the variables at a point of the collocated reduction."""
-    yield f"\nSTART_VALUES = {pformat([float(f'{v:.12g}') for v in start.v], width=116, compact=True)}"
+    yield (
+        "\nSTART_VALUES = "
+        f"{pformat([float(f'{v:.12g}') for v in start.v], width=116, compact=True)}"
+    )
     yield "for variable, value in zip(variables(model), START_VALUES):"
     yield "    variable.set_value(value, skip_validation=True)"

@@ -1,4 +1,6 @@
-"""Mixed-integer solvers on the mixed-binary reduction: which modes, and when, from the number of switches alone."""
+"""Mixed-integer solvers on the mixed-binary reduction: which modes, and when, from the number of
+switches alone.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,12 +19,26 @@ from socp.search.integer.bounds import reachable
 from socp.search.integer.disjunctive import disjunctive
 from socp.search.integer.reduction import binary_modes
 from socp.search.integer.starts import starts
-from socp.solvers import NLP, Bonmin, Decomposition, NLPPoint, Outcome, Reduced, Scip, gurobi, knitro
+from socp.solvers import (
+    NLP,
+    Bonmin,
+    Decomposition,
+    NLPPoint,
+    Outcome,
+    Reduced,
+    Scip,
+    gurobi,
+    knitro,
+)
 from socp.transcription import Mesh, collocate, lgr, table, uniform
 
 _SEEDS = 12  # words a layout that a decomposition solves first
-_LONGEST = 1.5  # horizons, over that of the direct solution, for decompositions: their cuts need bounds
-_FIRST = 0.4  # of the time that a global solver has: at most so much is spent on a point to start from
+_LONGEST = (
+    1.5  # horizons, over that of the direct solution, for decompositions: their cuts need bounds
+)
+_FIRST = (
+    0.4  # of the time that a global solver has: at most so much is spent on a point to start from
+)
 
 Reduction = Reduced[NLP, Solution, NLPPoint]
 
@@ -30,7 +46,9 @@ Reduction = Reduced[NLP, Solution, NLPPoint]
 @final
 @dataclass(frozen=True)
 class Solver:
-    """A mixed-integer solver: one sentence about it, what it lacks here (empty where it can run), and how it runs."""
+    """A mixed-integer solver: one sentence about it, what it lacks here (empty where it can run),
+    and how it runs.
+    """
 
     about: str
     lacks: Callable[[], str]
@@ -40,7 +58,9 @@ class Solver:
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Task:
-    """A problem on so many switches, its collocation points an arc, layouts to start from, and when to be done."""
+    """A problem on so many switches, its collocation points an arc, layouts to start from, and when
+    to be done.
+    """
 
     problem: Problem
     switches: int
@@ -61,22 +81,31 @@ class Task:
 
     def reduction(self, *, collocated: bool = False) -> Reduction:
         """Return the programme."""
-        return collocate(binary_modes(self.problem, self.switches, collocated=collocated), self.meshes)
+        return collocate(
+            binary_modes(self.problem, self.switches, collocated=collocated), self.meshes
+        )
 
 
 def minlp(  # noqa: PLR0913, PLR0917 - what a mixed-integer solve is made of
-    problem: Problem, solver: str, switches: int, points: int, time: float, guess: Solution, watch: Watch = silent
-) -> Solution:  # fmt: skip
-    """Find modes and lengths of `switches` + 1 arcs with a mixed-integer solver, in about `time` seconds.
+    problem: Problem,
+    solver: str,
+    switches: int,
+    points: int,
+    time: float,
+    guess: Solution,
+    watch: Watch = silent,
+) -> Solution:
+    """Find modes and lengths of `switches` + 1 arcs with a mixed-integer solver, in about `time`
+    seconds.
 
-    The programme is the mixed-binary reduction with `points` Legendre-Gauss-Radau points an arc. What comes back is the
-    best point that was verified by casadi, lifted: its arcs have the modes that the binaries choose, arcs of length
-    zero included. `stop` says why the solver stopped, `message` with which objective, bound and gap; `nodes` holds the
-    solver's result with its bound. Where no feasible point was found the arcs are those of the start and `stop` is
-    not ok.
+    The programme is the mixed-binary reduction with `points` Legendre-Gauss-Radau points an arc.
+    What comes back is the best point that was verified by casadi, lifted: its arcs have the modes
+    that the binaries choose, arcs of length zero included. `stop` says why the solver stopped,
+    `message` with which objective, bound and gap; `nodes` holds the solver's result with its bound.
+    Where no feasible point was found the arcs are those of the start and `stop` is not ok.
 
-    Raises MethodError for a solver that is not known or not available here, saying what is missing, and as
-    `binary_modes` does.
+    Raises MethodError for a solver that is not known or not available here, saying what is missing,
+    and as `binary_modes` does.
     """
     chosen = available(solver)
     began = perf_counter()
@@ -84,13 +113,22 @@ def minlp(  # noqa: PLR0913, PLR0917 - what a mixed-integer solve is made of
     stopped = next((each for each in layouts if each.stop is Stop.INTERRUPTED), None)
     if stopped is not None:
         return stopped
-    task = Task(problem=problem, switches=switches, points=points, layouts=layouts, until=began + time, watch=watch)
+    task = Task(
+        problem=problem,
+        switches=switches,
+        points=points,
+        layouts=layouts,
+        until=began + time,
+        watch=watch,
+    )
     reduced, outcome = chosen.solve(task)
     return _told(problem, reduced.lift(outcome.point), outcome, perf_counter() - began)
 
 
 def available(solver: str) -> Solver:
-    """Return a solver; MethodError says which there are, and what one that is not available here is lacking."""
+    """Return a solver; MethodError says which there are, and what one that is not available here is
+    lacking.
+    """
     able = ", ".join(name for name, each in SOLVERS.items() if not each.lacks()) or "none"
     if solver not in SOLVERS:
         raise MethodError(f"no mixed-integer solver '{solver}'; available here: {able}")
@@ -113,7 +151,9 @@ def _told(problem: Problem, solution: Solution, outcome: Outcome, seconds: float
     objective = outcome.point.objective
     node = Node(word=word, stop=outcome.point.stop.name, objective=objective, bound=outcome.bound)
     spent = {"build": seconds - outcome.point.seconds.get("solve", 0.0), **outcome.point.seconds}
-    return replace(solution, objective=objective, message="; ".join(parts), nodes=(node,), seconds=spent)
+    return replace(
+        solution, objective=objective, message="; ".join(parts), nodes=(node,), seconds=spent
+    )
 
 
 # -- the solvers
@@ -121,7 +161,9 @@ def _told(problem: Problem, solution: Solution, outcome: Outcome, seconds: float
 
 def _bonmin(task: Task) -> tuple[Reduction, Outcome]:
     reduced = task.reduction()
-    return reduced, Bonmin()(reduced.problem, [reduced.push(each) for each in task.layouts], task.left, task.watch)
+    return reduced, Bonmin()(
+        reduced.problem, [reduced.push(each) for each in task.layouts], task.left, task.watch
+    )
 
 
 def _scip(task: Task) -> tuple[Reduction, Outcome]:
@@ -145,7 +187,9 @@ def _knitro(task: Task) -> tuple[Reduction, Outcome]:
 
 
 def _global(task: Task) -> tuple[Reduction, Outcome, NLP]:
-    """Return a programme, a first point of it, and the programme with the bounds that follow from that point."""
+    """Return a programme, a first point of it, and the programme with the bounds that follow from
+    that point.
+    """
     reduced = task.reduction()
     begun = [reduced.push(each) for each in task.layouts]
     first = Bonmin()(reduced.problem, begun, _FIRST * task.left, task.watch)
@@ -153,18 +197,27 @@ def _global(task: Task) -> tuple[Reduction, Outcome, NLP]:
 
 
 def bounded(task: Task, nlp: NLP, known: Outcome) -> NLP:
-    """Return a programme with bounds of states and lengths that every point no worse than the known one satisfies."""
+    """Return a programme with bounds of states and lengths that every point no worse than the known
+    one satisfies.
+    """
     problem, box = task.problem, nlp.v_box.copy()
     horizon = problem.final_time_box[1] - problem.initial_time_box[0]
     fastest = casadi.is_equal(problem.mayer, final_time) and problem.lagrangian.is_zero()
     if fastest and known.found:
-        horizon = min(horizon, known.point.objective * (1 + 1e-9) + 1e-6 - problem.initial_time_box[0])
+        horizon = min(
+            horizon, known.point.objective * (1 + 1e-9) + 1e-6 - problem.initial_time_box[0]
+        )
     if not np.isfinite(horizon):
         return nlp
     count, arcs = problem.x.numel(), task.switches + 1
-    states = slice(1 + arcs + problem.p.numel(), 1 + arcs + problem.p.numel() + count * (arcs * task.points + 1))
+    states = slice(
+        1 + arcs + problem.p.numel(),
+        1 + arcs + problem.p.numel() + count * (arcs * task.points + 1),
+    )
     box[1, 1 : 1 + arcs] = np.minimum(box[1, 1 : 1 + arcs], horizon)
-    reach = np.tile(reachable(problem, horizon, table(task.meshes[0])), (states.stop - states.start) // count)
+    reach = np.tile(
+        reachable(problem, horizon, table(task.meshes[0])), (states.stop - states.start) // count
+    )
     box[:, states] = [np.maximum(box[0, states], reach[0]), np.minimum(box[1, states], reach[1])]
     return replace(nlp, v_box=box)
 
@@ -174,21 +227,32 @@ def _decomposed(name: str, task: Task) -> tuple[Reduction, Outcome]:
     begun = [reduced.push(each) for each in task.layouts]
     low, high = task.problem.final_time_box
     longest = high if low == high else _LONGEST * float(np.ptp(task.layouts[0].t))
-    written = disjunctive(task.problem, task.switches, task.points, begun[0], horizon=longest, elementary=True)
+    written = disjunctive(
+        task.problem, task.switches, task.points, begun[0], horizon=longest, elementary=True
+    )
     solver = Decomposition(name, written.script, written.binaries, _seeds(task))
     return reduced, solver(reduced.problem, begun, task.left, task.watch)
 
 
 def _seeds(task: Task) -> list[list[int]]:
-    """Return words to try first: those of the layouts, short arcs one bang away from a neighbour."""
+    """Return words to try first: those of the layouts, short arcs one bang away from a
+    neighbour.
+    """
     combinations = [tuple(map(str, each)) for each in arc_modes(task.problem)]
     found: list[list[int]] = []
     for layout in task.layouts:
         arcs = [arc.modes for arc in layout.arcs]
         known = [k for k, modes in enumerate(arcs) if modes in combinations]
         nearest = [arcs[min(known or [k], key=partial(_apart, k))] for k in range(len(arcs))]
-        options = [[modes] if k in known else _one_away(nearest[k], combinations) for k, modes in enumerate(arcs)]
-        words = [each for each in islice(product(*options), _SEEDS) if all(a != b for a, b in pairwise(each))]
+        options = [
+            [modes] if k in known else _one_away(nearest[k], combinations)
+            for k, modes in enumerate(arcs)
+        ]
+        words = [
+            each
+            for each in islice(product(*options), _SEEDS)
+            if all(a != b for a, b in pairwise(each))
+        ]
         found += [[combinations.index(modes) for modes in word] for word in words]
     return found
 
@@ -197,7 +261,9 @@ def _apart(k: int, other: int) -> int:
     return abs(k - other)
 
 
-def _one_away(modes: tuple[str, ...], combinations: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
+def _one_away(
+    modes: tuple[str, ...], combinations: Sequence[tuple[str, ...]]
+) -> list[tuple[str, ...]]:
     """Return the combinations that differ from some modes in one control, which is at a bound."""
     found = []
     for each in combinations:
@@ -212,16 +278,30 @@ def _nothing() -> str:
 
 
 SOLVERS: Mapping[str, Solver] = {
-    "bonmin": Solver("branch and bound over local solves, from layouts that a direct solve shows", _nothing, _bonmin),
+    "bonmin": Solver(
+        "branch and bound over local solves, from layouts that a direct solve shows",
+        _nothing,
+        _bonmin,
+    ),
     "gdpopt": Solver(
-        "Pyomo's logic-based outer approximation, with HiGHS and Ipopt", _nothing, partial(_decomposed, "gdpopt")
+        "Pyomo's logic-based outer approximation, with HiGHS and Ipopt",
+        _nothing,
+        partial(_decomposed, "gdpopt"),
     ),
     "mindtpy": Solver(
         "Pyomo's outer approximation of the big-M programme, with HiGHS and Ipopt",
         _nothing,
         partial(_decomposed, "mindtpy"),
     ),
-    "gurobi": Solver("global branch and bound with a proved lower bound, under its own licence", gurobi.lacks, _gurobi),
-    "knitro": Solver("branch and bound over local solves, under its own licence", knitro.lacks, _knitro),
-    "scip": Solver("global branch and bound: a feasible point and a proved lower bound", _nothing, _scip),
+    "gurobi": Solver(
+        "global branch and bound with a proved lower bound, under its own licence",
+        gurobi.lacks,
+        _gurobi,
+    ),
+    "knitro": Solver(
+        "branch and bound over local solves, under its own licence", knitro.lacks, _knitro
+    ),
+    "scip": Solver(
+        "global branch and bound: a feasible point and a proved lower bound", _nothing, _scip
+    ),
 }

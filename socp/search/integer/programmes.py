@@ -23,18 +23,29 @@ FORMATS = {
 
 
 def programme(problem: Problem, switches: int, points: int) -> tuple[NLP, np.ndarray]:
-    """Return the mixed-binary programme with `points` Legendre-Gauss-Radau points an arc, and a start (n,).
+    """Return the mixed-binary programme with `points` Legendre-Gauss-Radau points an arc, and a
+    start (n,).
 
-    The start is the problem's guess on equal arcs, with even shares of all modes. Raises MethodError as `binary_modes`.
+    The start is the problem's guess on equal arcs, with even shares of all modes. Raises
+    MethodError as `binary_modes`.
     """
     reduced = collocate(binary_modes(problem, switches), [uniform(lgr(points), 1)] * (switches + 1))
     return reduced.problem, reduced.push(split(default_guess(problem), [1.0] * (switches + 1))).v
 
 
-def write(problem: Problem, path: str | Path, *, format: str, switches: int = 4, points: int = 8) -> None:  # noqa: A002
-    """Write the mixed-binary programme of a problem to a file, whole or not at all; `format` is one of FORMATS.
+def write(
+    problem: Problem,
+    path: str | Path,
+    *,
+    format: str,  # noqa: A002 - as the option of the command is called
+    switches: int = 4,
+    points: int = 8,
+) -> None:
+    """Write the mixed-binary programme of a problem to a file, whole or not at all; `format` is one
+    of FORMATS.
 
-    Raises MethodError for an unknown format, for a problem that the format cannot hold, and as `binary_modes` does.
+    Raises MethodError for an unknown format, for a problem that the format cannot hold, and as
+    `binary_modes` does.
     """
     if format not in FORMATS:
         raise MethodError(f"no format '{format}' for programmes; there are {', '.join(FORMATS)}")
@@ -50,7 +61,9 @@ def write(problem: Problem, path: str | Path, *, format: str, switches: int = 4,
 
 def _text(problem: Problem, model: Any, format: str) -> str:  # noqa: A002 - as above
     with tempfile.TemporaryDirectory(prefix="socp-") as place:
-        path = Path(place) / f"programme.{'gms' if format == 'gams' else format}"  # Pyomo goes by the ending
+        path = (
+            Path(place) / f"programme.{'gms' if format == 'gams' else format}"
+        )  # Pyomo goes by the ending
         if format == "nl":
             write_nl(model, path)
         else:
@@ -59,7 +72,7 @@ def _text(problem: Problem, model: Any, format: str) -> str:  # noqa: A002 - as 
             except (ValueError, RuntimeError) as error:
                 said = " ".join(str(error).split())[:120]
                 raise MethodError(
-                    f"problem '{problem.name}' cannot be written as {format}, which holds no such functions: {said}; "
-                    "write nl, gams or pyomo"
+                    f"problem '{problem.name}' cannot be written as {format}, which holds no such "
+                    f"functions: {said}; write nl, gams or pyomo"
                 ) from error
         return path.read_text(encoding="utf-8")

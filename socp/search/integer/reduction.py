@@ -1,7 +1,9 @@
-"""The mixed-binary reduction: arcs that choose their modes by binaries, given only the number of switches.
+"""The mixed-binary reduction: arcs that choose their modes by binaries, given only the number of
+switches.
 
-After Foroozandeh, de Pinho and Shamsi, DCDS-B 24(5) 2019, doi:10.3934/dcdsb.2019092, (13)-(18): there every control has
-two binaries an arc, for its lower and its upper bound, and a singular feedback law where both are 0.
+After Foroozandeh, de Pinho and Shamsi, DCDS-B 24(5) 2019, doi:10.3934/dcdsb.2019092, (13)-(18):
+there every control has two binaries an arc, for its lower and its upper bound, and a singular
+feedback law where both are 0.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,27 +23,44 @@ from socp.search.integer.bounds import enclosed
 from socp.transcription import Choice, Phase, PhasedProblem, Row
 
 _SAME = 1e-9  # relative: two formulas of one law differ by rounding
-_LAST = ("boundary", "lower", "upper", "singular")  # the last mode is the one without a binary, the paper's singular
+_LAST = (
+    "boundary",
+    "lower",
+    "upper",
+    "singular",
+)  # the last mode is the one without a binary, the paper's singular
 
 
-def binary_modes(problem: Problem, switches: int, *, collocated: bool = False, boxed: bool = True) -> PhasedProblem:
-    """Return the problem on `switches` + 1 arcs of free lengths, each of which chooses its modes by binaries.
+def binary_modes(
+    problem: Problem, switches: int, *, collocated: bool = False, boxed: bool = True
+) -> PhasedProblem:
+    """Return the problem on `switches` + 1 arcs of free lengths, each of which chooses its modes by
+    binaries.
 
-    A control has one binary for every mode but its last, and the control is the sum of its laws times their shares.
-    With `collocated`, controls stay variables instead, held to the law of the chosen mode by big-M rows, which suits
-    solvers that relax globally; `boxed` keeps the laws' values within the control's bounds.
+    A control has one binary for every mode but its last, and the control is the sum of its laws
+    times their shares. With `collocated`, controls stay variables instead, held to the law of the
+    chosen mode by big-M rows, which suits solvers that relax globally; `boxed` keeps the laws'
+    values within the control's bounds.
 
-    Combinations of modes without a law are excluded, and so are equal neighbours: an arc that is not needed shrinks to
-    length zero. Raises MethodError for a negative number of switches, or where no combination of modes has a law.
+    Combinations of modes without a law are excluded, and so are equal neighbours: an arc that is
+    not needed shrinks to length zero. Raises MethodError for a negative number of switches, or
+    where no combination of modes has a law.
     """
     if switches < 0:
         raise MethodError(f"switches={switches}: a problem has 0 switches or more")
     menu = _menu(problem)
     if not menu.combinations:
-        raise MethodError(f"problem '{problem.name}': no combination of modes has a law, so no arc has a choice")
+        raise MethodError(
+            f"problem '{problem.name}': no combination of modes has a law, so no arc has a choice"
+        )
     phases = tuple(_phase(menu, k, collocated=collocated, boxed=boxed) for k in range(switches + 1))
     rules = [rule for phase in phases if phase.choice for rule in _rules(menu, phase.choice)]
-    rules += [rule for a, b in pairwise(phases) if a.choice and b.choice for rule in _differ(menu, a.choice, b.choice)]
+    rules += [
+        rule
+        for a, b in pairwise(phases)
+        if a.choice and b.choice
+        for rule in _differ(menu, a.choice, b.choice)
+    ]
     return PhasedProblem(problem, phases, tuple(rules))
 
 
@@ -64,10 +83,17 @@ class _Menu:
 
     @cached_property
     def modes(self) -> tuple[tuple[Mode, ...], ...]:
-        """Modes of every control that are part of some combination, the one without a binary last."""
+        """Modes of every control that are part of some combination, the one without a binary
+        last.
+        """
         count = len(self.problem.control_names)
         return tuple(
-            tuple(sorted({c[i] for c in self.combinations}, key=lambda m: (_LAST.index(m.kind), m.constraint or "")))
+            tuple(
+                sorted(
+                    {c[i] for c in self.combinations},
+                    key=lambda m: (_LAST.index(m.kind), m.constraint or ""),
+                )
+            )
             for i in range(count)
         )
 
@@ -88,7 +114,9 @@ class _Menu:
         return np.hstack([self.problem.state_box, times, self.problem.parameter_box])
 
     def span(self, expression: Expr) -> np.ndarray:
-        """Return an interval (2,) of an expression of x, t, p; infinite where it holds anything else."""
+        """Return an interval (2,) of an expression of x, t, p; infinite where it holds anything
+        else.
+        """
         symbols = casadi.vertcat(self.problem.x, time, self.problem.p)
         if casadi.symvar(casadi.substitute(expression, symbols, 0)):
             return np.array([-np.inf, np.inf])
@@ -113,7 +141,9 @@ class _Menu:
 @final
 @dataclass(frozen=True, eq=False)
 class _Law:
-    """A law that control holds where the controls in `of` are in `modes`, whatever the others do."""
+    """A law that control holds where the controls in `of` are in `modes`, whatever the others
+    do.
+    """
 
     of: tuple[int, ...]
     modes: Modes
@@ -144,14 +174,18 @@ def _laws(menu: _Menu, i: int) -> Iterator[_Law]:
             yield _Law(of, modes, law)
 
 
-def _deciding(menu: _Menu, i: int, mine: list[Modes], control: dict[Modes, Expr]) -> tuple[int, ...]:
+def _deciding(
+    menu: _Menu, i: int, mine: list[Modes], control: dict[Modes, Expr]
+) -> tuple[int, ...]:
     """Return control i and the others on whose modes its law depends."""
     of = [i]
     for j in range(len(menu.modes)):
         groups: dict[Modes, list[Expr]] = {}
         for c in mine:
             groups.setdefault(tuple(m for k, m in enumerate(c) if k != j), []).append(control[c])
-        if j != i and not all(menu.same(each[0], other) for each in groups.values() for other in each[1:]):
+        if j != i and not all(
+            menu.same(each[0], other) for each in groups.values() for other in each[1:]
+        ):
             of.append(j)
     return tuple(of)
 
@@ -165,19 +199,34 @@ def _phase(menu: _Menu, k: int, *, collocated: bool, boxed: bool) -> Phase:
         weights.append((*mine, 1 - sum(mine) if mine else casadi.SX(1)))
         used += len(mine)
     control = column(
-        casadi.sum1(column(law.share(weights, menu) * law.control for law in menu.laws[i])) for i in range(count)
+        casadi.sum1(column(law.share(weights, menu) * law.control for law in menu.laws[i]))
+        for i in range(count)
     )
     carried, costates = _carried(menu, weights)
     entry = tuple(_entries(menu, weights)) + costates
     menu_of = {"modes": menu.modes, "weights": tuple(weights)}
     if collocated:
         choice = Choice(z=z, **menu_of, along=tuple(_held(menu, weights)), entry=entry)
-        free = {"modes": (Mode("free"),) * count, "control": problem.u, "free": problem.u, "box": problem.box}
+        free = {
+            "modes": (Mode("free"),) * count,
+            "control": problem.u,
+            "free": problem.u,
+            "box": problem.box,
+        }
         return Phase(**free, choice=choice, **carried)
-    curved = [i for i in range(count) if boxed and not all(menu.inside(i, law.control) for law in menu.laws[i])]
+    curved = [
+        i
+        for i in range(count)
+        if boxed and not all(menu.inside(i, law.control) for law in menu.laws[i])
+    ]
     along = tuple((control[i], float(problem.box[0, i]), float(problem.box[1, i])) for i in curved)
     choice = Choice(z=z, **menu_of, along=along, entry=entry)
-    given = {"modes": menu.combinations[0], "control": control, "free": column(()), "box": np.zeros((2, 0))}
+    given = {
+        "modes": menu.combinations[0],
+        "control": control,
+        "free": column(()),
+        "box": np.zeros((2, 0)),
+    }
     return Phase(**given, choice=choice, **carried)
 
 
@@ -191,7 +240,9 @@ def _held(menu: _Menu, weights: Sequence[Sequence[Expr]]) -> Iterator[Row]:
 
 
 def _bound(value: Expr, span: tuple[float, float], share: Expr) -> Iterator[Row]:
-    """Yield rows that make a value within a span vanish where a share is 1: big-M, or a product where none is known."""
+    """Yield rows that make a value within a span vanish where a share is 1: big-M, or a product
+    where none is known.
+    """
     low, high = map(float, span)
     if not np.isfinite([low, high]).all():
         yield value * share, 0.0, 0.0
@@ -203,31 +254,45 @@ def _bound(value: Expr, span: tuple[float, float], share: Expr) -> Iterator[Row]
 
 
 def _entries(menu: _Menu, weights: Sequence[Sequence[Expr]]) -> Iterator[Row]:
-    """Yield rows that put the entry of a boundary arc onto its constraint, and its derivatives to zero."""
+    """Yield rows that put the entry of a boundary arc onto its constraint, and its derivatives to
+    zero.
+    """
     for constraint in menu.problem.constraints:
         followers = [
-            weights[i][m] for i, own in enumerate(menu.modes) for m, mode in enumerate(own)
+            weights[i][m]
+            for i, own in enumerate(menu.modes)
+            for m, mode in enumerate(own)
             if mode.kind == "boundary" and mode.constraint == constraint.name
-        ]  # fmt: skip
+        ]
         for share in followers:
             for order, value in enumerate(laws.tower(menu.problem, constraint)[0]):
                 low, high = menu.span(value)
                 yield from _bound(value, (low, min(high, 0.0) if order == 0 else high), share)
 
 
-def _carried(menu: _Menu, weights: Sequence[Sequence[Expr]]) -> tuple[dict[str, Expr], tuple[Row, ...]]:
-    """Return the costate with its rate, where some law needs it, and the rows that fix it at the arc's entry."""
+def _carried(
+    menu: _Menu, weights: Sequence[Sequence[Expr]]
+) -> tuple[dict[str, Expr], tuple[Row, ...]]:
+    """Return the costate with its rate, where some law needs it, and the rows that fix it at the
+    arc's entry.
+    """
     every = range(len(menu.modes))
     found = [(c, law) for c in menu.combinations if (law := laws.arc_law(menu.problem, c)).costate]
     if not found:
         return {}, ()
     rate = sum(_share(menu, weights, every, c) * law.costate_rate for c, law in found)
-    rows = [(_share(menu, weights, every, c) * e, 0.0, 0.0) for c, law in found for e in law.costate_entry]
+    rows = [
+        (_share(menu, weights, every, c) * e, 0.0, 0.0)
+        for c, law in found
+        for e in law.costate_entry
+    ]
     return {"carried": menu.problem.costate, "carried_rate": rate}, tuple(rows)
 
 
 def _rules(menu: _Menu, choice: Choice) -> Iterator[Row]:
-    """Yield rows in the binaries of one arc: one mode a control, none of the combinations without a law."""
+    """Yield rows in the binaries of one arc: one mode a control, none of the combinations without a
+    law.
+    """
     for own in choice.weights:
         if len(own) > 2:
             yield 1 - own[-1], -np.inf, 1.0

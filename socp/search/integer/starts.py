@@ -1,4 +1,6 @@
-"""Layouts of arcs to start mixed-integer solvers from: what a direct solution shows, and short arcs it cannot show."""
+"""Layouts of arcs to start mixed-integer solvers from: what a direct solution shows, and short arcs
+it cannot show.
+"""
 
 from dataclasses import replace
 
@@ -11,24 +13,30 @@ from socp.search.reading import read
 from socp.solvers import Ipopt
 from socp.transcription import radau_iia, single_phase, uniform
 
-_SCOUTS = 12  # guesses of coarse solves, as many as scouting needs to meet an extremal several times
+_SCOUTS = (
+    12  # guesses of coarse solves, as many as scouting needs to meet an extremal several times
+)
 _STEPS = 50  # intervals of the solve whose stretches give the arcs their first lengths
 _DIRECT = Ipopt({"tol": 1e-6, "max_iter": 300})
 _SHORT = 0.01  # of the horizon: a first length for an arc that the grid is too coarse to show
 
 
-def starts(problem: Problem, switches: int, guess: Solution, watch: Watch = silent) -> list[Solution]:
+def starts(
+    problem: Problem, switches: int, guess: Solution, watch: Watch = silent
+) -> list[Solution]:
     """Return layouts of `switches` + 1 arcs to start from, best first.
 
-    A direct solution shows the modes of the arcs and how long they are. Those that are too short for its grid get a
-    short length and unknown modes, where they may be: at the ends first, since given ends are seldom on a singular
-    surface.
+    A direct solution shows the modes of the arcs and how long they are. Those that are too short
+    for its grid get a short length and unknown modes, where they may be: at the ends first, since
+    given ends are seldom on a singular surface.
     """
     found = scouts(problem, guess, _SCOUTS, watch)
     if found and found[0].stop is Stop.INTERRUPTED:
         return found
     mesh = uniform(radau_iia(2), _STEPS)
-    direct = solve_collocated(single_phase(problem), [mesh], _DIRECT, found[0] if found else guess, watch)
+    direct = solve_collocated(
+        single_phase(problem), [mesh], _DIRECT, found[0] if found else guess, watch
+    )
     if direct.stop is Stop.INTERRUPTED:
         return [direct]
     direct = direct if direct.stop.ok else (found[0] if found else guess)
@@ -37,7 +45,9 @@ def starts(problem: Problem, switches: int, guess: Solution, watch: Watch = sile
 
 
 def _cut(direct: Solution, seen: Candidate, edges: list[float]) -> Solution:
-    """Return a solution cut at edges, arcs that were seen with their modes; a short arc put in may be anything."""
+    """Return a solution cut at edges, arcs that were seen with their modes; a short arc put in may
+    be anything.
+    """
     cut = split(direct, np.diff(edges).tolist())
     unknown = ("*",) * len(direct.control_names)
     arcs = []
@@ -54,7 +64,9 @@ def _fitted(given: Candidate, count: int) -> Candidate:
     while len(given.arcs) > count:
         lengths = np.diff(given.edges)
         k = int(np.argmin(lengths))
-        before = k == len(lengths) - 1 or (k > 0 and lengths[k - 1] > lengths[k + 1])  # it goes to the longer neighbour
+        before = k == len(lengths) - 1 or (
+            k > 0 and lengths[k - 1] > lengths[k + 1]
+        )  # it goes to the longer neighbour
         cut = k if before else k + 1
         edges = (*given.edges[:cut], *given.edges[cut + 1 :])
         given = Candidate((*given.arcs[:k], *given.arcs[k + 1 :]), edges, given.source)
@@ -62,7 +74,9 @@ def _fitted(given: Candidate, count: int) -> Candidate:
 
 
 def _layouts(edges: list[float], count: int) -> list[list[float]]:
-    """Return edges with short arcs put in until there are so many: at both ends in turn, at the start, at the end."""
+    """Return edges with short arcs put in until there are so many: at both ends in turn, at the
+    start, at the end.
+    """
     if len(edges) == count:
         return [edges]
     found: list[list[float]] = []

@@ -1,4 +1,6 @@
-"""The part of a Pyomo.GDP script that is the same for every problem: variables, defects, conditions and disjuncts."""
+"""The part of a Pyomo.GDP script that is the same for every problem: variables, defects, conditions
+and disjuncts.
+"""
 
 MODEL = '''
 
@@ -26,10 +28,11 @@ for n in range(last + 1):
 
 
 def variables(m):
-    """Return the variables in order: initial time, lengths, parameters, states, controls, costates."""
+    """Return the variables: initial time, lengths, parameters, states, controls, costates."""
     nodes = [m.X[n, i] for n in range(last + 1) for i in range(NX)]
     controls = [m.U[k, j, i] for k in range(ARCS) for j in POINTS for i in range(NU)]
-    costates = [m.Y[k, j, i] for k in range(ARCS) for j in range(NODES if any(COSTATE) else 0) for i in range(NX)]
+    carried = range(NODES if any(COSTATE) else 0)
+    costates = [m.Y[k, j, i] for k in range(ARCS) for j in carried for i in range(NX)]
     return [m.t0, *m.h.values(), *m.p.values(), *nodes, *controls, *costates]
 
 
@@ -63,7 +66,8 @@ def defects(constraints, k, values, rates):
     """Add A X - h B F = 0 for one quantity of an arc."""
     for a, b in zip(A, B):
         left = sum(c * v for c, v in zip(a, values) if c)
-        bounded(constraints, left - model.h[k] * sum(c * f for c, f in zip(b, rates) if c), 0.0, 0.0)
+        right = model.h[k] * sum(c * f for c, f in zip(b, rates) if c)
+        bounded(constraints, left - right, 0.0, 0.0)
 
 
 model.defects, model.conditions = pyo.ConstraintList(), pyo.ConstraintList()
@@ -72,18 +76,21 @@ for k in range(ARCS):
     rates = [rate(x(k, j), u(k, j), t(k, j), p) for j in POINTS]
     for i in range(NX):
         defects(model.defects, k, [x(k, j)[i] for j in range(NODES)], [each[i] for each in rates])
-    cost += model.h[k] * sum(w * running(x(k, j), u(k, j), t(k, j), p)[0] for w, j in zip(WEIGHTS, POINTS))
+    densities = [running(x(k, j), u(k, j), t(k, j), p)[0] for j in POINTS]
+    cost += model.h[k] * sum(w * density for w, density in zip(WEIGHTS, densities))
     for j in range(NODES if k == ARCS - 1 else NODES - 1):
         for c in path(x(k, j), t(k, j), p):
             bounded(model.conditions, c, None, 0.0)
-for equation, value in zip(EQUATION, target(x(ARCS - 1, NODES - 1), x(0, 0), p, starts[0], starts[-1])):
+ends = target(x(ARCS - 1, NODES - 1), x(0, 0), p, starts[0], starts[-1])
+for equation, value in zip(EQUATION, ends):
     bounded(model.conditions, value, 0.0 if equation else None, 0.0)
 if TF != (None, None):
     bounded(model.conditions, starts[-1], *TF)
 model.objective = pyo.Objective(expr=cost)
 model.mode = Disjunct(range(ARCS), range(len(MODES)))
 for (k, c), disjunct in model.mode.items():
-    law, entry, costate_rate = (globals()[f"{name}_{c}"] for name in ("law", "entry", "costate_rate"))
+    names = ("law", "entry", "costate_rate")
+    law, entry, costate_rate = (globals()[f"{name}_{c}"] for name in names)
     disjunct.law, disjunct.more = pyo.ConstraintList(), pyo.ConstraintList()
     disjunct.BigM = pyo.Suffix(direction=pyo.Suffix.LOCAL)
     for j in POINTS:
@@ -96,7 +103,8 @@ for (k, c), disjunct in model.mode.items():
     if COSTATE[c]:
         rates = [costate_rate(x(k, j), y(k, j), t(k, j), p) for j in POINTS]
         for i in range(NX):
-            defects(disjunct.more, k, [y(k, j)[i] for j in range(NODES)], [each[i] for each in rates])
+            values = [y(k, j)[i] for j in range(NODES)]
+            defects(disjunct.more, k, values, [each[i] for each in rates])
 model.choice = Disjunction(range(ARCS), rule=lambda m, k: [m.mode[k, c] for c in range(len(MODES))])
 model.differ = pyo.ConstraintList()  # equal neighbours would be one arc
 for k in range(ARCS - 1):

@@ -1,4 +1,6 @@
-"""How the panels of a figure stand: two columns of equal height, or one, with one time axis under each."""
+"""How the panels of a figure stand: two columns of equal height, or one, with one time axis under
+each.
+"""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +15,14 @@ if TYPE_CHECKING:
 
 TWO = 5.0  # inches: narrower figures have one column
 LEFT, RIGHT = 0.7, 0.12  # inches beside a panel
-_TOP, _BOTTOM, _GAP, _BETWEEN, _LINE, _UPRIGHT = 0.32, 0.3, 0.12, 0.4, 0.17, 0.25  # inches: margins, gaps, a line
+_TOP, _BOTTOM, _GAP, _BETWEEN, _LINE, _UPRIGHT = (
+    0.32,
+    0.3,
+    0.12,
+    0.4,
+    0.17,
+    0.25,
+)  # inches: margins, gaps, a line
 _LABEL = 0.55  # inches from a panel to its label, so that the labels of a column stand in line
 _SHARE = 0.09  # of a stretched axis, for every arc at least
 _UPRIGHT_FROM = 5  # labels of switching times stand upright where there are as many
@@ -22,7 +31,9 @@ _UPRIGHT_FROM = 5  # labels of switching times stand upright where there are as 
 @final
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One panel of a figure: what draws it, its height in inches, the room above it, and whether time runs along it."""
+    """One panel of a figure: what draws it, its height in inches, the room above it, and whether
+    time runs along it.
+    """
 
     draw: Callable[[Any], None]
     height: float
@@ -33,7 +44,9 @@ class Panel:
 @final
 @dataclass(frozen=True, eq=False)
 class TimeAxis:
-    """The time axis: where on it a time is, its label, and the times marked; None leaves that to matplotlib."""
+    """The time axis: where on it a time is, its label, and the times marked; None leaves that to
+    matplotlib.
+    """
 
     warp: Callable[[Any], np.ndarray]
     label: str
@@ -41,7 +54,9 @@ class TimeAxis:
 
     @staticmethod
     def of(solution: "Solution", unit: str, *, stretch: bool) -> "TimeAxis":
-        """Return the axis of a solution, as it is or with arcs that are no shorter than a share of it."""
+        """Return the axis of a solution, as it is or with arcs that are no shorter than a share of
+        it.
+        """
         label = style.label("t", unit)
         if not stretch:
             return TimeAxis(np.asarray, label)
@@ -71,8 +86,12 @@ class TimeAxis:
             axes.set_xlabel(self.label)
 
 
-def arranged(made: Mapping[str, Sequence[Panel]], scene: Panel | None, *, one: bool) -> list[list[Panel]]:
-    """Return the columns: controls and switching functions left, scene and states right, the rest where it fits."""
+def arranged(
+    made: Mapping[str, Sequence[Panel]], scene: Panel | None, *, one: bool
+) -> list[list[Panel]]:
+    """Return the columns: controls and switching functions left, scene and states right, the rest
+    where it fits.
+    """
     controls, switching = made.get("controls", ()), made.get("switching", ())
     paired = [panel for pair in zip(controls, switching, strict=False) for panel in pair]
     left = paired if len(paired) == len(controls) + len(switching) else [*controls, *switching]
@@ -85,7 +104,11 @@ def arranged(made: Mapping[str, Sequence[Panel]], scene: Panel | None, *, one: b
 
 
 def composed(
-    top: Panel | None, columns: Sequence[Sequence[Panel]], axis: TimeAxis, kinds: Collection[str], width: float
+    top: Panel | None,
+    columns: Sequence[Sequence[Panel]],
+    axis: TimeAxis,
+    kinds: Collection[str],
+    width: float,
 ) -> Any:
     """Return a figure with one panel across the page, if any, and columns of equal height below it.
 
@@ -106,7 +129,9 @@ def composed(
         up = under
         for panel in column:
             tall = panel.height + (spare if panel.timed else 0.0)
-            axes = _put(figure, panel, (k * across + LEFT, up + panel.above, across - LEFT - RIGHT, tall))
+            axes = _put(
+                figure, panel, (k * across + LEFT, up + panel.above, across - LEFT - RIGHT, tall)
+            )
             up += panel.above + tall + (_GAP if panel.timed else _BETWEEN)
             if panel.timed:
                 axis.put(axes, last=panel is column[-1])
@@ -122,7 +147,9 @@ def _height(column: Sequence[Panel]) -> float:
 def _put(figure: Any, panel: Panel, box: tuple[float, float, float, float]) -> Any:
     """Draw a panel in a box (left, down from the top, width, height) in inches; return its axes."""
     (width, height), (left, down, across, tall) = figure.get_size_inches(), box
-    axes = figure.add_axes((left / width, 1.0 - (down + tall) / height, across / width, tall / height))
+    axes = figure.add_axes(
+        (left / width, 1.0 - (down + tall) / height, across / width, tall / height)
+    )
     panel.draw(axes)
     axes.yaxis.set_label_coords(-_LABEL / across, 0.5)
     return axes
@@ -133,7 +160,9 @@ def _legend(figure: Any, kinds: Collection[str]) -> None:
     from matplotlib.patches import Patch
 
     shown = [each for sign, each in style.MODES.items() if sign in kinds]
-    handles: list[Any] = [Patch(facecolor=colour, hatch=hatch, label=name, lw=0) for name, colour, hatch in shown]
+    handles: list[Any] = [
+        Patch(facecolor=colour, hatch=hatch, label=name, lw=0) for name, colour, hatch in shown
+    ]
     points = {each.get_label(): each for axes in figure.axes for each in axes.get_lines()}
     handles += [points[name] for name in ("start", "switch", "end") if name in points]
     if handles:

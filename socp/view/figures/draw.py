@@ -1,4 +1,6 @@
-"""Figures of a solution for papers: controls with their arcs, states, costates, switching functions, the scene."""
+"""Figures of a solution for papers: controls with their arcs, states, costates, switching
+functions, the scene.
+"""
 
 import io
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -24,18 +26,24 @@ DEFAULT = PANELS[:-1]
 ENDINGS = ("png", "svg", "pdf")
 WIDTH = 7.0  # inches: both columns of a page
 _FLAT = 2.5  # scenes flatter than this go across the page
-_NOTHING = 1e-6  # of the largest multiplier: what an interior point leaves of a constraint that is not active
+# Of the largest multiplier: what an interior point leaves of a constraint that is not active
+_NOTHING = 1e-6
 _DPI, _POINTS = 200, 500
 
 
 def draw(
-    solution: "Solution", problem: "Problem | None" = None, panels: Sequence[str] = DEFAULT, *,
-    width: float = WIDTH, stretch: bool = False,
-) -> Any:  # fmt: skip
+    solution: "Solution",
+    problem: "Problem | None" = None,
+    panels: Sequence[str] = DEFAULT,
+    *,
+    width: float = WIDTH,
+    stretch: bool = False,
+) -> Any:
     """Return a matplotlib Figure of a solution, `width` inches wide, drawn without pyplot.
 
-    `panels`: names out of `PANELS`; what is not known is left out: without the problem bounds, switching functions and
-    units. `stretch` widens short arcs on the time axis, which then is marked at the switching times.
+    `panels`: names out of `PANELS`; what is not known is left out: without the problem bounds,
+    switching functions and units. `stretch` widens short arcs on the time axis, which then is
+    marked at the switching times.
 
     Raises MethodError where matplotlib is not installed, and for a panel that there is not.
     """
@@ -44,15 +52,31 @@ def draw(
     with matplotlib.rc_context(style.SETTINGS):
         along, known = sampled(problem, solution, _POINTS), _units(problem)
         axis = TimeAxis.of(solution, known.get("time", ""), stretch=stretch)
-        curves = {name: list(_curves(name, solution, problem, along, known)) for name in panels if name != "scene"}
+        curves = {
+            name: list(_curves(name, solution, problem, along, known))
+            for name in panels
+            if name != "scene"
+        }
         made = {
-            name: [Panel(partial(draw_curve, curve=curve, warp=axis.warp), *_heights(curve)) for curve in group]
+            name: [
+                Panel(partial(draw_curve, curve=curve, warp=axis.warp), *_heights(curve))
+                for curve in group
+            ]
             for name, group in curves.items()
         }
         plane = problem is not None and (problem.scene is not None or len(solution.state_names) > 1)
-        seen = _scene(solution, problem, along, width) if problem and plane and "scene" in panels else None
+        seen = (
+            _scene(solution, problem, along, width)
+            if problem and plane and "scene" in panels
+            else None
+        )
         top, beside = (seen[0], None) if seen and seen[1] else (None, seen[0] if seen else None)
-        arcs = {style.kind(mode) for group in curves.values() for curve in group for mode, _, _ in curve.stretches}
+        arcs = {
+            style.kind(mode)
+            for group in curves.values()
+            for curve in group
+            for mode, _, _ in curve.stretches
+        }
         return composed(top, arranged(made, beside, one=width < TWO), axis, arcs, width)
 
 
@@ -71,14 +95,22 @@ def to_bytes(figure: Any, ending: str) -> bytes:
     if ending not in ENDINGS:
         raise MethodError(f"no figures as '{ending}'; there are {', '.join(ENDINGS)}")
     matplotlib, file = errors.load("matplotlib", "plot", "a figure"), io.BytesIO()
-    undated = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None}}
+    undated = {
+        "png": {"Software": None},
+        "svg": {"Date": None, "Creator": None},
+        "pdf": {"CreationDate": None},
+    }
     with matplotlib.rc_context(style.SETTINGS):
         figure.savefig(file, format=ending, metadata=undated[ending], dpi=_DPI)
     return file.getvalue()
 
 
 def _curves(
-    name: str, solution: "Solution", problem: "Problem | None", along: Traces, known: Mapping[str, str]
+    name: str,
+    solution: "Solution",
+    problem: "Problem | None",
+    along: Traces,
+    known: Mapping[str, str],
 ) -> Iterator[Curve]:
     """Yield the panels of one kind that have anything to show."""
     rows = _rows(name, solution, along)
@@ -88,11 +120,16 @@ def _curves(
             continue
         arcs = solution.structure.get(owner, ()) if name in {"controls", "switching"} else ()
         yield Curve(
-            label=label, unit=known.get(owner, "") if name in {"controls", "states"} else "", t=along.t, values=values,
-            bounds=box.get(owner, (-np.inf, np.inf)), stretches=arcs,
+            label=label,
+            unit=known.get(owner, "") if name in {"controls", "states"} else "",
+            t=along.t,
+            values=values,
+            bounds=box.get(owner, (-np.inf, np.inf)),
+            stretches=arcs,
             switches=[end for _, _, end in arcs[:-1]] if arcs else solution.switches,
-            zero=name in {"switching", "multipliers"}, lanes=name == "controls",
-        )  # fmt: skip
+            zero=name in {"switching", "multipliers"},
+            lanes=name == "controls",
+        )
 
 
 def _rows(name: str, solution: "Solution", along: Traces) -> dict[tuple[str, str], np.ndarray]:
@@ -108,7 +145,10 @@ def _rows(name: str, solution: "Solution", along: Traces) -> dict[tuple[str, str
         "hamiltonian": (("H",), "{}", [along.hamiltonian]),
     }
     names, pattern, values = found[name]
-    return {(each, pattern.format(style.symbol(each))): row for each, row in zip(names, values, strict=True)}
+    return {
+        (each, pattern.format(style.symbol(each))): row
+        for each, row in zip(names, values, strict=True)
+    }
 
 
 def _units(problem: "Problem | None") -> dict[str, str]:
@@ -119,8 +159,14 @@ def _bounds(name: str, problem: "Problem | None") -> dict[str, tuple[float, floa
     """Return the bounds of controls or states by name."""
     if problem is None or name not in {"controls", "states"}:
         return {}
-    pair = (problem.control_names, problem.box) if name == "controls" else (problem.state_names, problem.state_box)
-    return {each: (float(low), float(high)) for each, low, high in zip(pair[0], *pair[1], strict=True)}
+    pair = (
+        (problem.control_names, problem.box)
+        if name == "controls"
+        else (problem.state_names, problem.state_box)
+    )
+    return {
+        each: (float(low), float(high)) for each, low, high in zip(pair[0], *pair[1], strict=True)
+    }
 
 
 def _heights(curve: Curve) -> tuple[float, float]:
@@ -128,13 +174,17 @@ def _heights(curve: Curve) -> tuple[float, float]:
     return (0.95, 0.3) if curve.lanes else (0.62, 0.0)
 
 
-def _scene(solution: "Solution", problem: "Problem", along: Traces, width: float) -> tuple[Panel, bool]:
+def _scene(
+    solution: "Solution", problem: "Problem", along: Traces, width: float
+) -> tuple[Panel, bool]:
     """Return the panel of the scene, and whether it goes across the page."""
     known, seen = _units(problem), picture(problem, solution, along.t)
     plane = [str(each) for each in own(problem).plane]
     pairs = zip(plane, seen.labels, strict=True)
     labels = [
-        style.label(style.symbol(p), known.get(p, "")) if p in (*solution.state_names, "t") else text
+        style.label(style.symbol(p), known.get(p, ""))
+        if p in (*solution.state_names, "t")
+        else text
         for p, text in pairs
     ]
     (left, right), (low, high) = seen.box
@@ -142,4 +192,6 @@ def _scene(solution: "Solution", problem: "Problem", along: Traces, width: float
     across = seen.spatial and ratio > _FLAT
     room = width if across or width < TWO else 0.5 * width
     height = min((room - LEFT - RIGHT) / ratio, 2.6)
-    return Panel(partial(draw_scene, picture=seen, labels=(labels[0], labels[1])), height, timed=False), across
+    return Panel(
+        partial(draw_scene, picture=seen, labels=(labels[0], labels[1])), height, timed=False
+    ), across

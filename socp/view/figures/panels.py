@@ -13,15 +13,19 @@ if TYPE_CHECKING:
 
 Stretch = tuple[str, float, float]
 _LANE = (0.04, 0.145, 0.165)  # inches above a panel: the lane's lower and upper edge, and the names
-_MARKED = 40  # switching times that are marked at most: more of them are ringing, and grey everything
+_MARKED = (
+    40  # switching times that are marked at most: more of them are ringing, and grey everything
+)
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Curve:
-    """One panel over time: values (n,) at times t (n,), its label, bounds, and the stretches that shade it.
+    """One panel over time: values (n,) at times t (n,), its label, bounds, and the stretches that
+    shade it.
 
-    `switches`: times that are marked; `zero`: whether a line marks zero; `lanes`: whether the arcs are named above.
+    `switches`: times that are marked; `zero`: whether a line marks zero; `lanes`: whether the arcs
+    are named above.
     """
 
     label: str
@@ -36,7 +40,9 @@ class Curve:
 
 
 def draw_curve(axes: Any, curve: Curve, warp: Callable[[Any], np.ndarray]) -> None:
-    """Draw a curve with its bounds, arcs and switching times; `warp` maps times to places on the axis."""
+    """Draw a curve with its bounds, arcs and switching times; `warp` maps times to places on the
+    axis.
+    """
     values, power = _scaled(curve.values)
     low, high = _limits(curve, 10.0**power)
     axes.set_ylim(low, high)
@@ -48,17 +54,23 @@ def draw_curve(axes: Any, curve: Curve, warp: Callable[[Any], np.ndarray]) -> No
             axes.axvline(float(warp(t)), color=style.FAINT, lw=0.5, ls=(0, (1, 2)), zorder=1)
     for bound in curve.bounds:
         if np.isfinite(bound) and low <= bound / 10.0**power <= high:
-            axes.axhline(bound / 10.0**power, color=style.FAINT, lw=style.THIN, ls=(0, (5, 2.5)), zorder=1.5)
+            axes.axhline(
+                bound / 10.0**power, color=style.FAINT, lw=style.THIN, ls=(0, (5, 2.5)), zorder=1.5
+            )
     if curve.zero:
         axes.axhline(0.0, color=style.FAINT, lw=style.THIN, zorder=1.5)
-    axes.plot(warp(curve.t), values, color=style.INK, lw=style.LINE, zorder=3, solid_joinstyle="miter")
+    axes.plot(
+        warp(curve.t), values, color=style.INK, lw=style.LINE, zorder=3, solid_joinstyle="miter"
+    )
     unit = f"$10^{{{power}}}$ {curve.unit}".strip() if power else curve.unit
     axes.set_ylabel(style.label(curve.label, unit))
     _ticks(axes)
 
 
 def _scaled(values: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return values in units of a power of ten that makes their labels short, and that power; infinite ones as nan."""
+    """Return values in units of a power of ten that makes their labels short, and that power;
+    infinite ones as nan.
+    """
     values = np.where(np.isfinite(values), values, np.nan)
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     power = int(np.floor(np.log10(largest))) if largest > 0 else 0
@@ -71,11 +83,20 @@ def _limits(curve: Curve, unit: float) -> tuple[float, float]:
     seen = curve.values[np.isfinite(curve.values)]
     low, high = (float(seen.min()), float(seen.max())) if seen.size else (0.0, 1.0)
     span = high - low
-    near = [b for b in curve.bounds if np.isfinite(b) and low - 0.5 * span <= b <= high + 0.5 * span]
+    near = [
+        b for b in curve.bounds if np.isfinite(b) and low - 0.5 * span <= b <= high + 0.5 * span
+    ]
     shown = near if not curve.lanes else [b for b in curve.bounds if np.isfinite(b)]
-    low, high = min([low, *shown, *([0.0] if curve.zero else [])]), max([high, *shown, *([0.0] if curve.zero else [])])
+    low, high = (
+        min([low, *shown, *([0.0] if curve.zero else [])]),
+        max([high, *shown, *([0.0] if curve.zero else [])]),
+    )
     least = 1e-6 * max(abs(low), abs(high), 1e-300)  # rounding is not to fill the panel
-    pad = 0.08 * max(high - low, least) if high - low > least else max(0.1 * abs(high), 0.5 * unit * 1e-3, 1e-12)
+    pad = (
+        0.08 * max(high - low, least)
+        if high - low > least
+        else max(0.1 * abs(high), 0.5 * unit * 1e-3, 1e-12)
+    )
     return (low - pad) / unit, (high + pad) / unit
 
 
@@ -92,9 +113,17 @@ def _shade(axes: Any, curve: Curve, warp: Callable[[Any], np.ndarray]) -> None:
         if not curve.lanes:
             continue
         axes.fill_between(
-            [left, right], below, above, transform=across, facecolor=colour, hatch=hatch, lw=0, clip_on=False, zorder=2,
+            [left, right],
+            below,
+            above,
+            transform=across,
+            facecolor=colour,
+            hatch=hatch,
+            lw=0,
+            clip_on=False,
+            zorder=2,
             edgecolor="white",
-        )  # fmt: skip
+        )
         if (right - left) / width * inches > 0.048 * len(name) + 0.04:
             place, middle = {"ha": "center", "va": "bottom", "fontsize": 6.0}, 0.5 * (left + right)
             axes.text(middle, named, name, transform=across, color=style.INK, **place)
@@ -109,7 +138,9 @@ def _ticks(axes: Any) -> None:
 
 
 def draw_scene(axes: Any, picture: "Picture", labels: tuple[str, str]) -> None:
-    """Draw a path in its plane: the current, the target, headings, start, end and switching points."""
+    """Draw a path in its plane: the current, the target, headings, start, end and switching
+    points.
+    """
     from matplotlib.patches import Circle
 
     (left, right), (low, high) = picture.box
@@ -117,15 +148,46 @@ def draw_scene(axes: Any, picture: "Picture", labels: tuple[str, str]) -> None:
         _current(axes, *picture.flow)
     if picture.target is not None:
         cx, cy, radius = picture.target
-        axes.add_patch(Circle((cx, cy), radius, facecolor="#cfe3c8", edgecolor=style.FAINT, lw=style.THIN, zorder=1))
+        axes.add_patch(
+            Circle(
+                (cx, cy),
+                radius,
+                facecolor="#cfe3c8",
+                edgecolor=style.FAINT,
+                lw=style.THIN,
+                zorder=1,
+            )
+        )
     axes.plot(*picture.path, color=style.INK, lw=style.LINE, zorder=3)
     if picture.heading is not None:
         _headings(axes, picture)
     if len(picture.marks) <= _MARKED:
         places = np.array([mark.place for mark in picture.marks]).reshape(-1, 2).T
-        axes.plot(*places, "o", ms=3.6, mfc="white", mec=style.ACCENT, mew=0.9, ls="none", zorder=4, label="switch")
-    axes.plot(*picture.path[:, :1], "o", ms=6, mfc="none", mec=style.INK, mew=1, ls="none", zorder=4.5, label="start")
-    axes.plot(*picture.path[:, -1:], "s", ms=3.2, color=style.INK, ls="none", zorder=4.5, label="end")
+        axes.plot(
+            *places,
+            "o",
+            ms=3.6,
+            mfc="white",
+            mec=style.ACCENT,
+            mew=0.9,
+            ls="none",
+            zorder=4,
+            label="switch",
+        )
+    axes.plot(
+        *picture.path[:, :1],
+        "o",
+        ms=6,
+        mfc="none",
+        mec=style.INK,
+        mew=1,
+        ls="none",
+        zorder=4.5,
+        label="start",
+    )
+    axes.plot(
+        *picture.path[:, -1:], "s", ms=3.2, color=style.INK, ls="none", zorder=4.5, label="end"
+    )
     axes.set_xlim(left, right)
     axes.set_ylim(low, high)
     if picture.spatial:
@@ -145,7 +207,9 @@ def _current(axes: Any, points: np.ndarray, flow: np.ndarray) -> None:
     if moving.any():
         more = {"scale": fastest / (0.75 * step), "width": 0.0022, "headwidth": 4.0}
         places = {"angles": "xy", "scale_units": "xy", "pivot": "middle"}
-        axes.quiver(*points[:, moving], *flow[:, moving], color="#8fb0cf", zorder=0.5, **places, **more)
+        axes.quiver(
+            *points[:, moving], *flow[:, moving], color="#8fb0cf", zorder=0.5, **places, **more
+        )
 
 
 def _headings(axes: Any, picture: "Picture") -> None:
@@ -158,6 +222,18 @@ def _headings(axes: Any, picture: "Picture") -> None:
     size = 0.028 * max(right - left, high - low)
     x, y = picture.path[:, at]
     axes.quiver(
-        x, y, size * np.cos(heading[at]), size * np.sin(heading[at]), angles="xy", scale_units="xy", scale=1.0,
-        color=style.ACCENT, width=0.002, headwidth=6, headlength=7, headaxislength=6, zorder=3.5, pivot="tail",
-    )  # fmt: skip
+        x,
+        y,
+        size * np.cos(heading[at]),
+        size * np.sin(heading[at]),
+        angles="xy",
+        scale_units="xy",
+        scale=1.0,
+        color=style.ACCENT,
+        width=0.002,
+        headwidth=6,
+        headlength=7,
+        headaxislength=6,
+        zorder=3.5,
+        pivot="tail",
+    )

@@ -1,4 +1,6 @@
-"""How figures look: sizes, colours that tell apart in print and to every eye, names as the mathematics writes them."""
+"""How figures look: sizes, colours that tell apart in print and to every eye, names as the
+mathematics writes them.
+"""
 
 import re
 from collections.abc import Mapping
@@ -10,7 +12,8 @@ THIN, LINE = 0.6, 1.1  # points
 _TINT = 0.25  # share of its colour in the shade of an arc
 INK, FAINT, ACCENT = "#1a1a1a", "#8a8a8a", "#0b5394"
 
-# mode -> name, colour, hatch: from dark to light in grey too, and hatched, so that nothing hangs on the colour
+# mode -> name, colour, hatch: from dark to light in grey too, and hatched, so that nothing hangs on
+# the colour
 MODES: Mapping[str, tuple[str, str, str]] = {
     "-": ("min", "#1f4e8c", "\\\\\\\\"),
     "+": ("max", "#f2ae5c", "////"),
@@ -19,17 +22,37 @@ MODES: Mapping[str, tuple[str, str, str]] = {
     "*": ("free", "#ffffff", ""),
 }
 
-_LETTERS = "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau upsilon phi chi "
+_LETTERS = (
+    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau "
+    "upsilon phi chi "
+)
 _CAPITALS = "psi omega Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega"
 _GREEK = frozenset((_LETTERS + _CAPITALS).split())
 SETTINGS = {
-    "font.size": SMALL, "axes.labelsize": FONT, "xtick.labelsize": SMALL, "ytick.labelsize": SMALL,
-    "legend.fontsize": SMALL, "axes.linewidth": THIN, "xtick.major.width": THIN, "ytick.major.width": THIN,
-    "xtick.major.size": 2.5, "ytick.major.size": 2.5, "xtick.direction": "out", "ytick.direction": "out",
-    "hatch.linewidth": 0.4, "hatch.color": "#ffffff", "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"], "mathtext.fontset": "dejavusans", "pdf.fonttype": 42, "svg.hashsalt": "socp",
-    "axes.unicode_minus": True, "path.simplify": True, "axes.formatter.useoffset": False, "axes.labelpad": 2.0,
-}  # fmt: skip
+    "font.size": SMALL,
+    "axes.labelsize": FONT,
+    "xtick.labelsize": SMALL,
+    "ytick.labelsize": SMALL,
+    "legend.fontsize": SMALL,
+    "axes.linewidth": THIN,
+    "xtick.major.width": THIN,
+    "ytick.major.width": THIN,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "xtick.direction": "out",
+    "ytick.direction": "out",
+    "hatch.linewidth": 0.4,
+    "hatch.color": "#ffffff",
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "mathtext.fontset": "dejavusans",
+    "pdf.fonttype": 42,
+    "svg.hashsalt": "socp",
+    "axes.unicode_minus": True,
+    "path.simplify": True,
+    "axes.formatter.useoffset": False,
+    "axes.labelpad": 2.0,
+}
 
 
 def kind(mode: str) -> str:
@@ -38,19 +61,25 @@ def kind(mode: str) -> str:
 
 
 def tint(colour: str) -> tuple[float, float, float]:
-    """Return a colour `#rrggbb` mixed with white: opaque, as not every printer knows what is half transparent."""
+    """Return a colour `#rrggbb` mixed with white: opaque, as not every printer knows what is half
+    transparent.
+    """
     red, green, blue = (1.0 - _TINT * (1.0 - int(colour[k : k + 2], 16) / 255) for k in (1, 3, 5))
     return red, green, blue
 
 
 def symbol(name: str) -> str:
-    """Return a name in the notation of mathtext, without dollars: Greek letters, digits and what follows `_` below."""
+    """Return a name in the notation of mathtext, without dollars: Greek letters, digits and what
+    follows `_` below.
+    """
     base, _, rest = name.partition("_")
     letters = re.match(r"([A-Za-z]+?)(\d*)$", base)
     if letters is None:
         return r"\mathrm{" + re.sub(r"[^A-Za-z0-9.]", r" ", name) + "}"
     below = ",".join(part for part in (letters[2], *filter(None, rest.split("_"))) if part)
-    return _word(letters[1]) + ("_{" + ",".join(map(_word, below.split(","))) + "}" if below else "")
+    return _word(letters[1]) + (
+        "_{" + ",".join(map(_word, below.split(","))) + "}" if below else ""
+    )
 
 
 def label(text: str, unit: str = "") -> str:
@@ -59,7 +88,9 @@ def label(text: str, unit: str = "") -> str:
 
 
 def plain(text: str) -> str:
-    """Return foreign text as it may stand beside mathtext: on one line, its dollars no signs of mathematics."""
+    """Return foreign text as it may stand beside mathtext: on one line, its dollars no signs of
+    mathematics.
+    """
     return one_line(text).replace("$", r"\$")
 
 

@@ -1,4 +1,6 @@
-"""What is shown of a solution: its values along time, its arcs, its picture, and how the solver came to it."""
+"""What is shown of a solution: its values along time, its arcs, its picture, and how the solver
+came to it.
+"""
 
 import re
 from collections.abc import Iterator
@@ -14,7 +16,12 @@ from socp.view.recording.items import GREY, PALETTE, Bars, Colour, Item, Lane, N
 from socp.view.recording.plane import drawings
 from socp.view.recording.summary import search, summary
 
-LOGARITHMIC = ("inf_pr", "inf_du", "mu", "step")  # of a solver's trace: spread over many powers of ten
+LOGARITHMIC = (
+    "inf_pr",
+    "inf_du",
+    "mu",
+    "step",
+)  # of a solver's trace: spread over many powers of ten
 BARS = ("inf_pr", "inf_du", "mu")  # of these, for every timeline
 _UNSAFE = re.compile(r"[^\w./-]")  # what a path would need escapes for
 
@@ -24,7 +31,8 @@ _UNSAFE = re.compile(r"[^\w./-]")  # what a path would need escapes for
 class Run:
     """A run in a recording: where its paths begin, and the colour and label it has beside others.
 
-    `among` is the picture of the first of several runs, which says to what scale all of them are drawn.
+    `among` is the picture of the first of several runs, which says to what scale all of them are
+    drawn.
     """
 
     root: str = ""
@@ -32,8 +40,12 @@ class Run:
     label: str = ""
     among: Picture | None = None
 
-    def series(self, path: str, at: np.ndarray, values: np.ndarray, name: str, colour: Colour) -> Series:
-        """Return a series over the time of the problem, in the run's own colour where it has one."""
+    def series(
+        self, path: str, at: np.ndarray, values: np.ndarray, name: str, colour: Colour
+    ) -> Series:
+        """Return a series over the time of the problem, in the run's own colour where it has
+        one.
+        """
         shown = f"{self.label} {name}".strip()
         return Series(
             path=f"{self.root}/{_UNSAFE.sub('_', path)}",
@@ -45,7 +57,9 @@ class Run:
         )
 
     def mark(self, path: str, at: np.ndarray, values: np.ndarray, name: str) -> Series:
-        """Return a series beside the curves, grey, named the same in all runs: legends merge what is named the same."""
+        """Return a series beside the curves, grey, named the same in all runs: legends merge what
+        is named the same.
+        """
         return replace(self.series(path, at, values, name, GREY), name=name)
 
 
@@ -79,8 +93,12 @@ def _along(problem: Problem, solution: Solution, run: Run) -> Iterator[Item]:
         yield from _bounds(run, f"controls/{name}", ends, problem.box[:, k])
         switches = np.array([end for _, _, end in solution.structure.get(name, ())[:-1]])
         if switches.size:
-            called = name if run.label else "switch"  # as the curve, so that legends of several runs stay short
-            marks = run.series(f"controls/{name}/switches", switches, solution.at(switches, "u")[k], called, GREY)
+            called = (
+                name if run.label else "switch"
+            )  # as the curve, so that legends of several runs stay short
+            marks = run.series(
+                f"controls/{name}/switches", switches, solution.at(switches, "u")[k], called, GREY
+            )
             yield replace(marks, points=True, width=5.0)
         if np.isfinite(values.switching[k]).any():
             yield run.series(f"switching/{name}", t, values.switching[k], name, colour)
@@ -88,15 +106,21 @@ def _along(problem: Problem, solution: Solution, run: Run) -> Iterator[Item]:
         yield replace(run.mark("switching/zero", ends, np.zeros(2), "zero"), colour=GREY, width=1.0)
     if np.isfinite(values.hamiltonian).any():
         terms = np.nanmax(np.abs(values.costate), axis=1) * np.ptp(values.x, axis=1) / np.ptp(t)
-        yield replace(run.series("hamiltonian", t, values.hamiltonian, "H", PALETTE[5]), magnitude=float(terms.sum()))
+        yield replace(
+            run.series("hamiltonian", t, values.hamiltonian, "H", PALETTE[5]),
+            magnitude=float(terms.sum()),
+        )
     for k, (name, density) in enumerate(values.multipliers.items()):
         known = np.isfinite(density)
         if known.any():
-            yield run.series(f"multipliers/{name}", t[known], density[known], name, PALETTE[k % len(PALETTE)])
+            yield run.series(
+                f"multipliers/{name}", t[known], density[known], name, PALETTE[k % len(PALETTE)]
+            )
 
 
 def control(solution: Solution, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return times (n,) and values (n,) of control k such that straight lines through them are the control.
+    """Return times (n,) and values (n,) of control k such that straight lines through them are the
+    control.
 
     The nodes, and where intervals or arcs meet with a jump the values on either side of it.
     """
@@ -111,7 +135,9 @@ def _pieces(arc: Arc, k: int) -> tuple[np.ndarray, np.ndarray]:
         inside = arc.t[a : b + 1]
         values = arc.at(inside, "u", np.full(inside.size, 0.5 * (arc.t[a] + arc.t[b])))[k]
         stored = arc.u[k, a : b + 1]
-        close = np.abs(values - stored) <= 1e-9 * (1.0 + np.abs(stored))  # the node's own value, not its rounding
+        close = np.abs(values - stored) <= 1e-9 * (
+            1.0 + np.abs(stored)
+        )  # the node's own value, not its rounding
         values = np.where(close, stored, values)
         first = 1 if t and values[0] == u[-1][-1] else 0  # no jump: the node stands once
         t.append(inside[first:])
@@ -135,7 +161,9 @@ def _arcs(solution: Solution, run: Run) -> Iterator[Item]:
 
 
 def _verdict(solution: Solution, run: Run) -> Iterator[Item]:
-    """Yield the residuals of the principle where they are worst, as powers of ten, and what is allowed."""
+    """Yield the residuals of the principle where they are worst, as powers of ten, and what is
+    allowed.
+    """
     if solution.verdict is None:
         return
     ends = np.array([solution.initial_time, solution.final_time])
@@ -148,22 +176,36 @@ def _verdict(solution: Solution, run: Run) -> Iterator[Item]:
         at = [solution.final_time if each.t is None else each.t for each in these]
         order = np.argsort(at, kind="stable")
         values = log10(np.array([each.residual for each in these]))[order]
-        points = run.series(f"principle/{name}", np.array(at)[order], values, name, PALETTE[k % len(PALETTE)])
+        points = run.series(
+            f"principle/{name}", np.array(at)[order], values, name, PALETTE[k % len(PALETTE)]
+        )
         yield replace(points, points=True, width=4.0)
 
 
 def _solver(solution: Solution, run: Run) -> Iterator[Item]:
-    """Yield the trace of the solver by iteration, as it is and, where it spans powers of ten, as logarithms."""
+    """Yield the trace of the solver by iteration, as it is and, where it spans powers of ten, as
+    logarithms.
+    """
     for k, (name, values) in enumerate(solution.trace.items()):
         colour, at = PALETTE[k % len(PALETTE)], np.arange(len(values), dtype=float)
         plain = run.series(f"solver/{name}", at, np.array(values, dtype=float), name, colour)
         yield replace(plain, timeline="iteration")
         if name in LOGARITHMIC:
             logarithm = log10(plain.values)
-            line = replace(plain, path=f"{run.root}/solver/log10/{name}", values=logarithm, name=f"log10 {plain.name}")
+            line = replace(
+                plain,
+                path=f"{run.root}/solver/log10/{name}",
+                values=logarithm,
+                name=f"log10 {plain.name}",
+            )
             yield replace(line, timeline="iteration")
             if name in BARS:
-                yield Bars(path=f"{run.root}/solver/bars/{name}", at=at, values=np.nan_to_num(logarithm), colour=colour)
+                yield Bars(
+                    path=f"{run.root}/solver/bars/{name}",
+                    at=at,
+                    values=np.nan_to_num(logarithm),
+                    colour=colour,
+                )
 
 
 def _search(solution: Solution, run: Run) -> Iterator[Item]:
@@ -179,7 +221,9 @@ def _search(solution: Solution, run: Run) -> Iterator[Item]:
                 yield replace(line, timeline="refinement")
     meshes = [np.array(mesh) for mesh in (*solution.meshes, solution.corners)]
     for k, mesh in enumerate(meshes):
-        row = run.series(f"mesh/{k}", mesh, np.full(mesh.size, float(k)), f"mesh {k}", PALETTE[k % len(PALETTE)])
+        row = run.series(
+            f"mesh/{k}", mesh, np.full(mesh.size, float(k)), f"mesh {k}", PALETTE[k % len(PALETTE)]
+        )
         yield replace(row, points=True, width=2.5)
     sizes = np.array([mesh.size - 1.0 for mesh in meshes])
     at = np.arange(sizes.size, dtype=float)

@@ -1,4 +1,6 @@
-"""What can be shown: records of series, lanes, drawings and texts, and of the panels that hold them."""
+"""What can be shown: records of series, lanes, drawings and texts, and of the panels that hold
+them.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,22 +12,36 @@ Colour = tuple[int, int, int]
 Corner = Literal["", "LeftTop", "LeftBottom", "RightTop", "RightBottom"]
 Timeline = Literal["t", "iteration", "refinement", "progress"]
 
-# mid-tones, which show on dark and on light ground, and differ from one another by more than smoothing does
+# mid-tones, which show on dark and on light ground, and differ from one another by more than
+# smoothing does
 PALETTE: tuple[Colour, ...] = (
-    (70, 140, 215), (225, 115, 50), (65, 165, 85), (195, 80, 160), (140, 110, 215), (35, 165, 170), (180, 140, 40),
+    (70, 140, 215),
+    (225, 115, 50),
+    (65, 165, 85),
+    (195, 80, 160),
+    (140, 110, 215),
+    (35, 165, 170),
+    (180, 140, 40),
     (215, 75, 80),
-)  # fmt: skip
+)
 GREY: Colour = (125, 125, 125)
-MODES: Mapping[str, Colour] = {"+": PALETTE[1], "-": PALETTE[0], "s": PALETTE[2], "b": PALETTE[4], "*": GREY}
+MODES: Mapping[str, Colour] = {
+    "+": PALETTE[1],
+    "-": PALETTE[0],
+    "s": PALETTE[2],
+    "b": PALETTE[4],
+    "*": GREY,
+}
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Series:
-    """A quantity (n,) over a timeline, `at` (n,) increasing; a jump stands there as two values at one time.
+    """A quantity (n,) over a timeline, `at` (n,) increasing; a jump stands there as two values at
+    one time.
 
-    `points`: draw marks instead of a line; `exact`: never average neighbours on the screen, as jumps need.
-    `magnitude`: of the terms that it is a sum of; a change far below that is rounding.
+    `points`: draw marks instead of a line; `exact`: never average neighbours on the screen, as
+    jumps need. `magnitude`: of the terms that it is a sum of; a change far below that is rounding.
     """
 
     path: str
@@ -43,7 +59,9 @@ class Series:
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Lane:
-    """States that follow each other in time, `at` (n,) where each begins; the last one is empty and ends the lane."""
+    """States that follow each other in time, `at` (n,) where each begins; the last one is empty and
+    ends the lane.
+    """
 
     path: str
     at: np.ndarray
@@ -69,7 +87,8 @@ class Note:
 class Drawing:
     """Something in the plane, at points (n, 2): a line, points, or arrows with vectors (n, 2).
 
-    `size` is the radius on the screen. Where `at` (n,) is given, point after point shows at its time `t` alone.
+    `size` is the radius on the screen. Where `at` (n,) is given, point after point shows at its
+    time `t` alone.
     """
 
     path: str
@@ -110,9 +129,9 @@ Item = Series | Lane | Note | Drawing | Plane | Bars
 class Panel:
     """One view of the layout, with the paths that it shows.
 
-    Of curves, `legend` is the corner that their legend stands in, empty for none, `span` the values that are shown, and
-    `times` the stretch of time, where it is not the one that the curves of all panels share. Of a plane, `box` (2, 2)
-    holds the corners of what is shown as columns.
+    Of curves, `legend` is the corner that their legend stands in, empty for none, `span` the values
+    that are shown, and `times` the stretch of time, where it is not the one that the curves of all
+    panels share. Of a plane, `box` (2, 2) holds the corners of what is shown as columns.
     """
 
     kind: Literal["curves", "lanes", "plane", "text", "bars", "table"]

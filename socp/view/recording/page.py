@@ -11,28 +11,41 @@ from socp.view.recording.items import GREY, Corner, Group, Item, Panel, Series, 
 from socp.view.recording.plane import STRIP, scale, window
 
 HELP = """\
-A curve shows on its own timeline, which is chosen in the panel at the bottom: `iteration` for the solver's trace,
-`refinement` for the nodes of a search, `t` for the meshes, `progress` for the tab Progress.
+A curve shows on its own timeline, which is chosen in the panel at the bottom: `iteration` for
+the solver's trace, `refinement` for the nodes of a search, `t` for the meshes, `progress` for
+the tab Progress.
 Bars and tables show on all of them."""
 _SEPARATE = 6  # panels in a column; more stand in two
 _FLAT = 1e-6  # of its magnitude: a quantity that varies less is shown as constant
 _QUANTITIES = {
-    "switching": "Switching functions", "costates": "Costates", "hamiltonian": "Hamiltonian",
+    "switching": "Switching functions",
+    "costates": "Costates",
+    "hamiltonian": "Hamiltonian",
     "multipliers": "Multipliers of state constraints",
-}  # fmt: skip
+}
 
 
 def layout(
-    problem: Problem, solution: Solution, items: Sequence[Item], roots: Sequence[str] = ("",),
-    factors: tuple[float, float] | None = None, seen: Picture | None = None,
-) -> Group:  # fmt: skip
+    problem: Problem,
+    solution: Solution,
+    items: Sequence[Item],
+    roots: Sequence[str] = ("",),
+    factors: tuple[float, float] | None = None,
+    seen: Picture | None = None,
+) -> Group:
     """Return the tabs of a recording of `items`, whose paths begin with `roots`: one, or one a run.
 
-    `seen` is what the plane shows, by default the picture of `solution`. The tabs are those of the solution,
-    of the solver, and of the solve as it ran; `factors` are those that its iterates are drawn with.
+    `seen` is what the plane shows, by default the picture of `solution`. The tabs are those of the
+    solution, of the solver, and of the solve as it ran; `factors` are those that its iterates are
+    drawn with.
     """
     first = picture(problem, solution)
-    paths = {each.path.removeprefix(root) for each in items for root in roots if each.path.startswith(f"{root}/")}
+    paths = {
+        each.path.removeprefix(root)
+        for each in items
+        for root in roots
+        if each.path.startswith(f"{root}/")
+    }
     tabs = (
         _solution(problem, seen or first, scale(first), paths, roots),
         _solver(paths, roots),
@@ -44,23 +57,49 @@ def layout(
 def streaming(box: np.ndarray | None = None) -> Group:
     """Return the layout of a solve in progress; it is all there is of one that was killed."""
     plane = Panel(
-        kind="plane", name="Iterates in the plane", contents=("/progress/plan/**",), timeline="progress", box=box
+        kind="plane",
+        name="Iterates in the plane",
+        contents=("/progress/plan/**",),
+        timeline="progress",
+        box=box,
     )
     curves = (
         _curves("Objective while it ran", ("/progress/objective",), "progress"),
         _curves("Infeasibility while it ran, log10", ("/progress/infeasibility",), "progress"),
-        Panel(kind="lanes", name="What was being solved", contents=("/progress/stage",), timeline="progress"),
+        Panel(
+            kind="lanes",
+            name="What was being solved",
+            contents=("/progress/stage",),
+            timeline="progress",
+        ),
     )
-    return Group(kind="row", name="Progress", parts=(plane, Group(kind="column", parts=curves)), shares=(1.0, 1.0))
+    return Group(
+        kind="row",
+        name="Progress",
+        parts=(plane, Group(kind="column", parts=curves)),
+        shares=(1.0, 1.0),
+    )
 
 
 def _solution(
-    problem: Problem, seen: Picture, factors: tuple[float, float], paths: set[str], roots: Sequence[str]
+    problem: Problem,
+    seen: Picture,
+    factors: tuple[float, float],
+    paths: set[str],
+    roots: Sequence[str],
 ) -> Group:
-    plane = Panel(kind="plane", name="Plane", contents=_at(roots, "/plan/**"), box=window(seen, factors))
+    plane = Panel(
+        kind="plane", name="Plane", contents=_at(roots, "/plan/**"), box=window(seen, factors)
+    )
     lanes = Panel(kind="lanes", name="Arcs", contents=_at(roots, "/arcs/**"))
-    controls = [_curves(f"Control {_unit(problem, n)}", _at(roots, f"/controls/{n}/**")) for n in problem.control_names]
-    states = [_curves(f"State {_unit(problem, n)}", _at(roots, f"/states/{n}/**")) for n in problem.state_names]
+    controls = [
+        _curves(f"Control {_unit(problem, n)}", _at(roots, f"/controls/{n}/**"))
+        for n in problem.control_names
+    ]
+    states = [
+        _curves(f"State {_unit(problem, n)}", _at(roots, f"/states/{n}/**"))
+        for n in problem.state_names
+    ]
     adjoint = [
         _curves(name, _at(roots, f"/{part}/**"))
         for part, name in _QUANTITIES.items()
@@ -89,14 +128,22 @@ def _solver(paths: set[str], roots: Sequence[str]) -> Group:
         _curves("Trace by iteration, log10", _at(roots, "/solver/log10/**"), "iteration"),
     ]
     bars = [
-        Panel(kind="bars", name=f"{name} by iteration, log10", contents=_at(roots[:1], f"/solver/bars/{name}"))
+        Panel(
+            kind="bars",
+            name=f"{name} by iteration, log10",
+            contents=_at(roots[:1], f"/solver/bars/{name}"),
+        )
         for name in BARS
         if f"/solver/bars/{name}" in paths
     ]
     search = []
     if "/search/words" in paths:
-        search.append(Panel(kind="text", name="Words tried", contents=_at(roots[:1], "/search/words")))
-        values = tuple(rule for part in ("objective", "bound") for rule in _at(roots, f"/search/{part}"))
+        search.append(
+            Panel(kind="text", name="Words tried", contents=_at(roots[:1], "/search/words"))
+        )
+        values = tuple(
+            rule for part in ("objective", "bound") for rule in _at(roots, f"/search/{part}")
+        )
         search.append(_curves("Search by node", values, "refinement"))
     rules = ("+ {}/mesh/**", "- {}/mesh/intervals", "- {}/mesh/bars")
     nodes = tuple(rule.format(root) for root in roots for rule in rules)
@@ -133,13 +180,22 @@ def _unit(problem: Problem, name: str) -> str:
 
 
 def _fitted(group: Group, items: Sequence[Item]) -> Group:
-    """Return a layout whose curves have room around them and their legends where the curves are not."""
-    parts = [_fitted(each, items) if isinstance(each, Group) else _fit(each, items) for each in group.parts]
+    """Return a layout whose curves have room around them and their legends where the curves are
+    not.
+    """
+    parts = [
+        _fitted(each, items) if isinstance(each, Group) else _fit(each, items)
+        for each in group.parts
+    ]
     return replace(group, parts=tuple(parts))
 
 
 def _fit(panel: Panel, items: Sequence[Item]) -> Panel:
-    series = [each for each in visible(items, panel) if isinstance(each, Series) and np.isfinite(each.values).any()]
+    series = [
+        each
+        for each in visible(items, panel)
+        if isinstance(each, Series) and np.isfinite(each.values).any()
+    ]
     if panel.kind != "curves" or not series:
         return panel
     low = float(min(np.nanmin(each.values) for each in series))
@@ -152,15 +208,25 @@ def _fit(panel: Panel, items: Sequence[Item]) -> Panel:
     fitted = replace(panel, span=span, legend=_free_corner(series, span) if few else "")
     if panel.timeline != "t" or not all(each.points for each in named):
         return fitted
-    first, last = min(float(each.at[0]) for each in series), max(float(each.at[-1]) for each in series)
-    return replace(fitted, times=(first - 0.04 * (last - first), last + 0.04 * (last - first)))  # marks need a margin
+    first, last = (
+        min(float(each.at[0]) for each in series),
+        max(float(each.at[-1]) for each in series),
+    )
+    return replace(
+        fitted, times=(first - 0.04 * (last - first), last + 0.04 * (last - first))
+    )  # marks need a margin
 
 
 def _free_corner(series: Sequence[Series], span: tuple[float, float]) -> Corner:
     """Return the corner of a panel with the least of the curves in it."""
     starts, ends = [float(each.at[0]) for each in series], [float(each.at[-1]) for each in series]
     first, last = min(starts), max(ends)
-    crowd: dict[Corner, float] = {"RightTop": 0.0, "LeftTop": 0.0, "RightBottom": 0.0, "LeftBottom": 0.0}
+    crowd: dict[Corner, float] = {
+        "RightTop": 0.0,
+        "LeftTop": 0.0,
+        "RightBottom": 0.0,
+        "LeftBottom": 0.0,
+    }
     for each in series:
         t = np.linspace(first, last, 500)
         known = np.isfinite(each.values)
@@ -170,7 +236,9 @@ def _free_corner(series: Sequence[Series], span: tuple[float, float]) -> Corner:
         length = np.hypot(np.gradient(across), np.gradient(up))
         for corner in crowd:
             here = (across > 0.7) if corner.startswith("Right") else (across < 0.3)
-            crowd[corner] += float(length[here & ((up > 0.55) if corner.endswith("Top") else (up < 0.45))].sum())
+            crowd[corner] += float(
+                length[here & ((up > 0.55) if corner.endswith("Top") else (up < 0.45))].sum()
+            )
     return min(crowd, key=lambda corner: crowd[corner])
 
 
@@ -188,4 +256,8 @@ def _matches(path: str, rule: str) -> bool:
 
 def panels(group: Group) -> list[Panel]:
     """Return all panels of a layout, in order."""
-    return [each for part in group.parts for each in (panels(part) if isinstance(part, Group) else [part])]
+    return [
+        each
+        for part in group.parts
+        for each in (panels(part) if isinstance(part, Group) else [part])
+    ]

@@ -1,4 +1,6 @@
-"""The summary of a solution as Markdown: what it is, what is known of it, and what a search tried on the way."""
+"""The summary of a solution as Markdown: what it is, what is known of it, and what a search tried
+on the way.
+"""
 
 from collections.abc import Iterable, Sequence
 
@@ -15,13 +17,18 @@ def summary(problem: Problem, solution: Solution) -> str:
         ("objective", f"{solution.objective:.12g}"),
         *([("initial time", f"{solution.initial_time:.12g}")] if solution.initial_time else []),
         ("final time", f"{solution.final_time:.12g}"),
-        *((f"parameter {markdown(name)}", f"{value:.12g}") for name, value in solution.parameters.items()),
+        *(
+            (f"parameter {markdown(name)}", f"{value:.12g}")
+            for name, value in solution.parameters.items()
+        ),
         *((f"word of {name}", _word([mode for mode, _, _ in row])) for name, row in arcs),
         *((f"switches of {name}", _times([end for *_, end in row[:-1]])) for name, row in arcs),
-        ("stop", solution.stop.value), ("message", markdown(solution.message) or "-"),
-        ("nodes", str(solution.t.size)), ("iterations", str(solution.iterations)),
+        ("stop", solution.stop.value),
+        ("message", markdown(solution.message) or "-"),
+        ("nodes", str(solution.t.size)),
+        ("iterations", str(solution.iterations)),
         ("seconds", f"{sum(solution.seconds.values()):.2f}"),
-    ]  # fmt: skip
+    ]
     parts = [
         f"# {markdown(problem.title or problem.name)}",
         table(("method", markdown(solution.method)), rows),
@@ -32,7 +39,9 @@ def summary(problem: Problem, solution: Solution) -> str:
         known = f"{problem.reference.objective:.12g}, error {error:+.1e}"
         parts.append(f"## Reference\n\n{known}\n\n{markdown(problem.reference.source)}")
     if solution.versions:
-        known = ", ".join(markdown(f"{name} {version}") for name, version in solution.versions.items())
+        known = ", ".join(
+            markdown(f"{name} {version}") for name, version in solution.versions.items()
+        )
         parts.append(f"## Versions\n\n{known}")
     return "\n\n".join(parts)
 
@@ -40,20 +49,33 @@ def summary(problem: Problem, solution: Solution) -> str:
 def search(solution: Solution) -> str:
     """Return the nodes of a search, one a row."""
     rows = [
-        (str(k), markdown_code(node.word), markdown(node.stop), f"{node.objective:.9g}",
-         *map(_small, (node.bound, node.miss, node.residual)))
+        (
+            str(k),
+            markdown_code(node.word),
+            markdown(node.stop),
+            f"{node.objective:.9g}",
+            *map(_small, (node.bound, node.miss, node.residual)),
+        )
         for k, node in enumerate(solution.nodes)
-    ]  # fmt: skip
-    return "# Words tried\n\n" + table(("", "word", "stop", "objective", "bound", "miss", "residual"), rows)
+    ]
+    return "# Words tried\n\n" + table(
+        ("", "word", "stop", "objective", "bound", "miss", "residual"), rows
+    )
 
 
 def comparison(problem: Problem, solutions: Sequence[Solution]) -> str:
     """Return several solutions of a problem, one a row."""
     rows = [
-        (markdown(each.method), f"{each.objective:.10g}", str(each.t.size), markdown_code(each.word),
-         _judgement(each.verdict), f"{sum(each.seconds.values()):.2f}")
+        (
+            markdown(each.method),
+            f"{each.objective:.10g}",
+            str(each.t.size),
+            markdown_code(each.word),
+            _judgement(each.verdict),
+            f"{sum(each.seconds.values()):.2f}",
+        )
         for each in solutions
-    ]  # fmt: skip
+    ]
     heads = ("method", "objective", "nodes", "word", "verdict", "seconds")
     return f"# {markdown(problem.title or problem.name)}\n\n" + table(heads, rows)
 
@@ -88,7 +110,13 @@ def _verdict(verdict: Verdict | None) -> str:
 def _judgement(verdict: Verdict | None) -> str:
     if verdict is None:
         return "not judged"
-    return "extremal" if verdict.extremal else "feasible, no extremal" if verdict.feasible else "infeasible"
+    return (
+        "extremal"
+        if verdict.extremal
+        else "feasible, no extremal"
+        if verdict.feasible
+        else "infeasible"
+    )
 
 
 def _word(modes: Sequence[str]) -> str:
@@ -96,7 +124,13 @@ def _word(modes: Sequence[str]) -> str:
 
 
 def _times(values: Sequence[float]) -> str:
-    return "none" if not values else ", ".join(f"{v:.9g}" for v in values) if len(values) <= _MANY else str(len(values))
+    return (
+        "none"
+        if not values
+        else ", ".join(f"{v:.9g}" for v in values)
+        if len(values) <= _MANY
+        else str(len(values))
+    )
 
 
 def _small(value: float) -> str:

@@ -18,14 +18,20 @@ def send(stream: Any, item: Item) -> None:
         config = rr.StateConfiguration(values=names, labels=names, colors=[*known.values()])
         stream.log(item.path, config, static=True)
         at = rr.TimeColumn("t", duration=item.at)
-        stream.send_columns(item.path, [at], rr.StateChange.columns(state=[one_line(each) for each in item.states]))
+        stream.send_columns(
+            item.path, [at], rr.StateChange.columns(state=[one_line(each) for each in item.states])
+        )
     elif isinstance(item, Note):
-        stream.log(item.path, rr.TextDocument(item.text, media_type=rr.MediaType.MARKDOWN), static=True)
+        stream.log(
+            item.path, rr.TextDocument(item.text, media_type=rr.MediaType.MARKDOWN), static=True
+        )
     elif isinstance(item, Plane):
         across, up = item.scale
         stream.log(item.path, rr.Transform3D(scale=[across, -up, 1.0]), static=True)
     elif isinstance(item, Bars):
-        stream.log(item.path, rr.BarChart(item.values, abscissa=item.at, color=item.colour), static=True)
+        stream.log(
+            item.path, rr.BarChart(item.values, abscissa=item.at, color=item.colour), static=True
+        )
     else:
         _drawing(stream, item)
 
@@ -35,16 +41,24 @@ def _series(stream: Any, item: Series) -> None:
 
     if item.points:
         style: Any = rr.SeriesPoints(
-            names=[one_line(item.name)], colors=[item.colour], markers="diamond", marker_sizes=[item.width]
+            names=[one_line(item.name)],
+            colors=[item.colour],
+            markers="diamond",
+            marker_sizes=[item.width],
         )
     else:
         policy = "Off" if item.exact else None
         style = rr.SeriesLines(
-            names=[one_line(item.name)], colors=[item.colour], widths=[item.width], aggregation_policy=policy
-        )  # fmt: skip
+            names=[one_line(item.name)],
+            colors=[item.colour],
+            widths=[item.width],
+            aggregation_policy=policy,
+        )
     stream.log(item.path, style, static=True)
     kind = {"duration": item.at} if item.timeline == "t" else {"sequence": item.at.astype(int)}
-    stream.send_columns(item.path, [rr.TimeColumn(item.timeline, **kind)], rr.Scalars.columns(scalars=item.values))
+    stream.send_columns(
+        item.path, [rr.TimeColumn(item.timeline, **kind)], rr.Scalars.columns(scalars=item.values)
+    )
 
 
 def _drawing(stream: Any, item: Drawing) -> None:
@@ -55,21 +69,29 @@ def _drawing(stream: Any, item: Drawing) -> None:
         style |= {"labels": [one_line(each) for each in item.labels], "show_labels": True}
     if item.at is not None:
         columns = (
-            {"origins": item.points, "vectors": item.vectors} if item.kind == "arrows" else {"positions": item.points}
+            {"origins": item.points, "vectors": item.vectors}
+            if item.kind == "arrows"
+            else {"positions": item.points}
         )
         kind = rr.Arrows2D if item.kind == "arrows" else rr.Points2D
         stream.log(item.path, kind.from_fields(**style), static=True)
-        stream.send_columns(item.path, [rr.TimeColumn("t", duration=item.at)], kind.columns(**columns))
+        stream.send_columns(
+            item.path, [rr.TimeColumn("t", duration=item.at)], kind.columns(**columns)
+        )
     elif item.kind == "line":
         stream.log(item.path, rr.LineStrips2D([item.points], **style), static=True)
     elif item.kind == "arrows":
-        stream.log(item.path, rr.Arrows2D(origins=item.points, vectors=item.vectors, **style), static=True)
+        stream.log(
+            item.path, rr.Arrows2D(origins=item.points, vectors=item.vectors, **style), static=True
+        )
     else:
         stream.log(item.path, rr.Points2D(item.points, **style), static=True)
 
 
 def blueprint(group: Group, timeline: str, tab: int = 0) -> Any:
-    """Return a layout as a `rerun.blueprint.Blueprint` that opens on a timeline, at one of its tabs."""
+    """Return a layout as a `rerun.blueprint.Blueprint` that opens on a timeline, at one of its
+    tabs.
+    """
     import rerun.blueprint as rrb
 
     time_panel = rrb.TimePanel(timeline=timeline, play_state="paused", state="collapsed")
@@ -111,7 +133,9 @@ def _view(panel: Panel) -> Any:
     if panel.kind == "plane":
         bounds = {}
         if panel.box is not None:
-            bounds = {"visual_bounds": rrb.VisualBounds2D(x_range=panel.box[0], y_range=panel.box[1])}
+            bounds = {
+                "visual_bounds": rrb.VisualBounds2D(x_range=panel.box[0], y_range=panel.box[1])
+            }
         return rrb.Spatial2DView(origin="/", **bounds, **given)
     kinds = {"lanes": rrb.StateTimelineView, "text": rrb.TextDocumentView, "bars": rrb.BarChartView}
     return kinds[panel.kind](**given)

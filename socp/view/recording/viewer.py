@@ -15,22 +15,31 @@ from socp.errors import SolveError
 
 HOST, PORT = "127.0.0.1", 9876  # rerun's own port
 PATIENCE = 20.0  # seconds for a viewer to open
-_STAYS = 0.7  # seconds after which a viewer without a window is gone: its port opens before its window does
-_GREETING = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\x00\x00\x00\x04\x00\x00\x00\x00\x00"  # and empty settings
+# Seconds after which a viewer without a window is gone: its port opens before its window does
+_STAYS = 0.7
+_GREETING = (
+    b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\x00\x00\x00\x04\x00\x00\x00\x00\x00"
+)  # and empty settings
 _SETTINGS = 4  # the kind of frame that answers it
 
 
 def executable() -> str:
-    """Return the path of the viewer beside this Python or on PATH; SolveError where there is none."""
+    """Return the path of the viewer beside this Python or on PATH; SolveError where there is
+    none.
+    """
     beside = Path(sys.executable).with_name("rerun")
     found = str(beside) if beside.exists() else shutil.which("rerun")
     if found is None:
-        raise SolveError("there is no viewer 'rerun' beside this Python or on PATH; pip install rerun-sdk")
+        raise SolveError(
+            "there is no viewer 'rerun' beside this Python or on PATH; pip install rerun-sdk"
+        )
     return found
 
 
 def show(path: Path) -> None:
-    """Open a recording in the viewer and wait until it is closed; SolveError says why it did not open."""
+    """Open a recording in the viewer and wait until it is closed; SolveError says why it did not
+    open.
+    """
     command = [executable(), "--bind", HOST, "--port", "0", str(path)]
     _needs_display()
     ended = subprocess.run(command, env=_silent(), check=False, capture_output=True, text=True)  # noqa: S603 - ours
@@ -53,7 +62,9 @@ def ready(port: int = PORT, patience: float = PATIENCE) -> str:
 
 
 def answers(port: int = PORT, patience: float = 3.0) -> bool:
-    """Tell whether a viewer, or at least a program that speaks HTTP/2 as viewers do, answers at a port."""
+    """Tell whether a viewer, or at least a program that speaks HTTP/2 as viewers do, answers at a
+    port.
+    """
     try:
         with socket.create_connection((HOST, port), timeout=patience) as probe:
             probe.sendall(_GREETING)
@@ -63,9 +74,16 @@ def answers(port: int = PORT, patience: float = 3.0) -> bool:
 
 
 def _start(command: list[str], port: int, patience: float) -> None:
-    with tempfile.TemporaryFile("w+") as said:  # a pipe would break under a viewer that outlives this process
+    with tempfile.TemporaryFile(
+        "w+"
+    ) as said:  # a pipe would break under a viewer that outlives this process
         viewer = subprocess.Popen(  # noqa: S603 - ours
-            command, env=_silent(), stdout=subprocess.DEVNULL, stderr=said, text=True, start_new_session=True
+            command,
+            env=_silent(),
+            stdout=subprocess.DEVNULL,
+            stderr=said,
+            text=True,
+            start_new_session=True,
         )
         last, since = time.monotonic() + patience, None
         while since is None or time.monotonic() < since + _STAYS:
@@ -89,10 +107,14 @@ def _end(viewer: "subprocess.Popen[str]") -> None:
 
 
 def _needs_display() -> None:
-    """Raise SolveError where a window cannot be: on Linux and the like, what shows windows is named by a variable."""
+    """Raise SolveError where a window cannot be: on Linux and the like, what shows windows is named
+    by a variable.
+    """
     names = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
     if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in names):
-        raise SolveError("there is no display for the viewer: neither DISPLAY nor WAYLAND_DISPLAY is set")
+        raise SolveError(
+            "there is no display for the viewer: neither DISPLAY nor WAYLAND_DISPLAY is set"
+        )
 
 
 def _listens(port: int) -> bool:
@@ -102,12 +124,16 @@ def _listens(port: int) -> bool:
 
 
 def _silent() -> dict[str, str]:
-    """Return the environment in which the viewer sends no statistics of its use and writes no settings for them."""
+    """Return the environment in which the viewer sends no statistics of its use and writes no
+    settings for them.
+    """
     return {**os.environ, "CI": "1"}
 
 
 def _reason(code: int, said: str) -> str:
     lines = [line.strip() for line in said.splitlines() if line.strip()]
     telling = [line for line in lines if "error" in line.lower()] or lines
-    shown = re.sub(r"os error at \S+: ", "", telling[-1]) if telling else ""  # without a place in the viewer's source
+    shown = (
+        re.sub(r"os error at \S+: ", "", telling[-1]) if telling else ""
+    )  # without a place in the viewer's source
     return f"ended with code {code}" + (f": {shown}" if shown else "")

@@ -1,0 +1,101 @@
+"""`socp check`: the verdict of a saved result, worked out anew, as a person asks for it."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from socp.cli import main
+
+PROBLEM = """from socp.model.problem import Problem, controls, final_time, states
+
+x, v = states("x v")
+u = controls("u")
+problem = Problem(
+    name="cart",
+    minimise=final_time,
+    dynamics={x: v, v: u},
+    bounds={u: (-1, 1)},
+    start={x: 0, v: 0},
+    end={x: 1, v: 0},
+)
+"""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("cart.py").write_text(PROBLEM)
+
+
+def test_a_certified_result_is_exit_0(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["solve", "cart.py", "-m", "lgr-multiphase", "-o", "word=+ -"]) == 0
+    assert "extremal: residual" in capsys.readouterr().out
+    assert main(["check", "cart.socp.json", "--problem", "cart.py"]) == 0
+    out = capsys.readouterr().out
+    for text in (
+        "feasible: ",
+        "extremal: ",
+        "switching function sign on u, stretch 1 (+)",
+        "bang margins",
+        "digits",
+    ):
+        assert text in out
+    assert "not extremal" not in out
+
+
+def test_what_is_not_certified_is_exit_1_with_its_reasons(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=20"]) == 0
+    capsys.readouterr()
+    assert main(["check", "cart.socp.json", "--problem", "cart.py"]) == 1
+    assert "not extremal" in capsys.readouterr().out
+
+
+def test_a_verdict_in_the_file_is_not_believed(capsys: pytest.CaptureFixture[str]) -> None:
+    """A forged file: the states of a solved one, the switch moved, the verdict left in place."""
+    main(["solve", "cart.py", "-m", "lgr-multiphase", "-o", "word=+ -", "-o", "intervals=1"])
+    document = json.loads(Path("cart.socp.json").read_text())
+    document["arcs"][0]["u"] = [[0.9 for _ in row] for row in document["arcs"][0]["u"]]
+    Path("cart.socp.json").write_text(json.dumps(document))
+    capsys.readouterr()
+    assert main(["check", "cart.socp.json", "--problem", "cart.py"]) == 1
+    assert "not extremal" in capsys.readouterr().out
+
+
+def test_json(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["solve", "cart.py", "-m", "lgr-multiphase", "-o", "word=+ -"])
+    capsys.readouterr()
+    assert main(["check", "cart.socp.json", "--problem", "cart.py", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["extremal"] is True
+    assert found["residual"] == max(each["residual"] for each in found["findings"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "text"),
+    [
+        (["check", "none.json"], 1, "none.json: No such file"),
+        (["check", "cart.py"], 1, "cart.py: not a socp result"),
+        (
+            ["check", "old.json"],
+            3,
+            "old.json: the result carries no statement of its problem 'cart', and no such",
+        ),
+        (["check", "cart.socp.json", "--problem", "auv"], 1, "cart.socp.json"),
+        (["check", "cart.socp.json", "--problem", "none.py"], 3, "none.py: No such file"),
+    ],
+)
+def test_refusals(
+    arguments: list[str], code: int, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10"])
+    document = json.loads(Path("cart.socp.json").read_text())
+    old = {name: value for name, value in document.items() if name not in {"statement", "unstated"}}
+    Path("old.json").write_text(json.dumps({**old, "schema": 1}))
+    capsys.readouterr()
+    assert main(arguments) == code
+    err = capsys.readouterr().err
+    assert text in err
+    assert "Traceback" not in err

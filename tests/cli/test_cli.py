@@ -1,0 +1,697 @@
+"""The command line: what it says, where it says it, and its exit codes."""
+
+import contextlib
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import casadi
+import pytest
+from conftest import PLUGIN, Install
+
+from socp import Solution, controls, states
+from socp.cli import main
+from socp.cli.commands.comparing import Row, best_of
+from socp.cli.options import build, shared
+from socp.errors import MethodError
+from socp.methods.guess import default_guess
+from socp.model.symbols import time
+from socp.registry.plugins import Registry
+from socp.view.statement import formula, number
+
+AUV = str(Path(__file__).parents[2] / "problems" / "auv.py")
+HEAVY = ("casadi", "pyomo", "cvxpy", "rerun", "matplotlib")
+PROBLEM = """from socp.model.problem import Problem, controls, final_time, states
+
+x, v = states("x v")
+u = controls("u")
+problem = Problem(
+    name="cart",
+    minimise=final_time,
+    dynamics={x: v, v: u},
+    bounds={u: (-1, 1)},
+    start={x: 0, v: 0},
+    end={x: 1, v: 0},
+)
+"""
+
+
+class Said(NamedTuple):
+    """What a command wrote and returned."""
+
+    code: int
+    out: str
+    err: str
+
+
+Command = Callable[..., Said]
+
+
+@pytest.fixture
+def socp(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Command:
+    """Run the command line in this process, in an empty directory with the file cart.py."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("SOCP_PLUGINS", raising=False)
+    Path("cart.py").write_text(PROBLEM)
+
+    def run(*arguments: str) -> Said:
+        code = main(arguments)
+        return Said(code, *capsys.readouterr())
+
+    return run
+
+
+# -- solve
+
+
+def test_solve_reports_on_stdout_and_writes_the_result(socp: Command) -> None:
+    """From rest to rest over a unit of distance with |u| <= 1: tf = 2, one switch at 1 (implicit
+    Euler: order 1).
+    """
+    said = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=100")
+    assert said.code == 0
+    for label in "method objective final word switches stop feasibility iterations seconds".split():  # noqa: SIM905
+        assert f"\n{label} " in said.out
+    assert "euler-ipopt (steps=100, backend=ipopt)" in said.out
+    assert "the solver met its tolerances" in said.out
+    assert "reference" not in said.out
+    assert not said.err
+    saved = Solution.load("cart.socp.json")
+    assert saved.objective == pytest.approx(2.0, rel=2e-2)
+    assert saved.options["steps"] == 100
+    assert f"{saved.objective:.12g}" in said.out
+    assert f"u: {saved.switches[0]:.12g}" in said.out
+
+
+def test_solve_compares_with_the_reference(socp: Command) -> None:
+    said = socp(
+        "solve", "auv", "-m", "trapezoidal", "-o", "steps=200", "--json"
+    )  # coarser ones miss the conditions
+    found = json.loads(said.out)
+    assert said.code == 0
+    assert found["reference"]["error"] == found["objective"] - found["reference"]["objective"]
+    assert found["result"] == "auv.socp.json"
+    assert "objective +" in socp("solve", AUV, "-m", "trapezoidal", "-o", "steps=200").out
+
+
+def test_a_point_that_misses_its_conditions_is_no_answer(socp: Command) -> None:
+    """Sixty steps of implicit Euler: the solver is content, but the control, re-integrated, ends
+    one tenth away.
+    """
+    said = socp("solve", "auv", "-m", "euler-ipopt", "-o", "steps=60")
+    assert said.code == 1
+    for text in (
+        "no answer: re-integrated, the control misses the problem's conditions",
+        "word         none: the point is",
+        "objective    none: the point is infeasible (its value 1",
+    ):
+        assert text in said.out
+    assert "reference" not in said.out
+    found = json.loads(socp("solve", "auv", "-m", "euler-ipopt", "-o", "steps=60", "--json").out)
+    assert (found["outcome"], found["objective"], found["word"]) == ("MISSED", None, None)
+    assert found["value"] > 1
+
+
+def test_strict_takes_an_extremal_alone(socp: Command) -> None:
+    grid = ["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=40"]
+    assert "an answer: a feasible point, not certified" in socp(*grid).out
+    assert (socp(*grid).code, socp(*grid, "--strict").code) == (0, 1)
+    exact = ["solve", "cart.py", "-m", "lgr-multiphase", "-o", "word=+ -", "--strict"]
+    assert socp(*exact).code == 0
+    assert "an answer: an extremal, certified" in socp(*exact).out
+
+
+def test_solve_takes_a_guess_an_output_and_a_name_in_a_file(socp: Command) -> None:
+    Path("two.py").write_text(PROBLEM.replace("problem = ", "other = "))
+    assert (
+        socp(
+            "solve", "two.py:other", "-m", "euler-ipopt", "-o", "steps=20", "--out", "first.json"
+        ).code
+        == 0
+    )
+    said = socp(
+        "solve",
+        "two.py:other",
+        "-m",
+        "trapezoidal",
+        "--guess",
+        "first.json",
+        "--out",
+        "second.json",
+        "--json",
+    )
+    assert (said.code, json.loads(said.out)["result"]) == (0, "second.json")
+    assert Solution.load("second.json").method == "trapezoidal"
+
+
+def test_no_acceptable_solution_is_exit_1_and_still_written(socp: Command) -> None:
+    said = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "ipopt.max_iter=1")
+    assert said.code == 1
+    assert "the solver reached its limit of iterations or time" in said.out
+    assert Solution.load("cart.socp.json").options["ipopt.max_iter"] == 1
+
+
+def test_progress_is_occasional_plain_and_on_stderr(
+    socp: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("socp.cli.progress._OCCASIONAL", 0.0)
+    loud = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10")
+    assert loud.err.startswith("cart, euler-ipopt: iteration 0 ")
+    assert "infeasibility" in loud.err
+    assert "infeasibility" not in loud.out
+    assert not socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10", "--quiet").err
+
+
+def test_progress_is_one_live_line_on_a_terminal(
+    socp: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setattr("socp.cli.progress._LIVE", 0.0)
+    said = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10")
+    assert "cart, euler-ipopt: building" in said.err
+    assert "\x1b[2K" in said.err  # the line is erased when it is done
+
+
+def test_many_switching_times_are_counted(socp: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("socp.cli.show.MANY", 0)
+    assert "u: 1 switches" in socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=40").out
+
+
+# -- refusals
+
+
+FILES = {
+    "raises.py": (
+        "import math\n\nfoo = 1 / 0\n",
+        "raises.py, line 3: ZeroDivisionError: division by zero\n  3 | foo = 1 / 0",
+    ),
+    "affine.py": (
+        PROBLEM.replace("v: u}", "v: u**2}"),
+        "affine.py, line 5: problem 'cart': dynamics of 'v' is not affine",
+    ),
+    "none.py": ("a = 3\n", "none.py: defines no 'problem'; assign one: problem = Problem(...)"),
+    "other.py": (
+        PROBLEM.replace("problem = ", "mine = "),
+        "other.py: defines no 'problem' (it has mine); write other.py:mine",
+    ),
+    "int.py": ("problem = 3\n", "int.py: 'problem' is an int, not a Problem"),
+    "syntax.py": (
+        "x = 1\ndef (:\n",
+        "syntax.py, line 2: SyntaxError: invalid syntax\n  2 | def (:",
+    ),
+    "exits.py": ("raise SystemExit(3)\n", "exits.py, line 1: the file calls exit(3)"),
+    "latin.py": ("# \udce9\n", "latin.py: not a Python file: "),
+    "result.json": (
+        "{}",
+        "result.json is no problem file; to start from a result, give --guess result.json",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_bad_problem_file_is_one_message_with_its_line(socp: Command, name: str) -> None:
+    source, message = FILES[name]
+    Path(name).write_text(source, encoding="utf-8", errors="surrogateescape")
+    said = socp("solve", name)
+    assert said.code == 3
+    assert said.err.startswith(f"error: {message}")
+    assert "Traceback" not in said.err
+    assert not said.out
+    assert not Path("cart.socp.json").exists()
+    debug = socp("--debug", "solve", name)
+    assert "Traceback" in debug.err
+    assert debug.code == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["solve", "carts.py"], 3, "carts.py: No such file or directory; did you mean 'cart.py'?"),
+        (["solve", "no/such"], 3, "no/such: No such file or directory"),
+        (["solve", "."], 3, ". is a directory; give a problem file inside it"),
+        (["solve", "avu"], 3, "unknown problem 'avu'; did you mean 'auv'?"),
+        (["solve", "cart.py:probelm"], 3, "cart.py: defines no 'probelm'; did you mean 'problem'?"),
+        (
+            ["solve", "cart.py", "-m", "euler"],
+            2,
+            "unknown method 'euler'; did you mean 'euler-ipopt'?",
+        ),
+        (
+            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "stpes=3"],
+            2,
+            "euler-ipopt has no option 'stpes'; did you mean 'steps'?",
+        ),
+        (
+            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=abc"],
+            2,
+            "euler-ipopt: steps='abc', but it should be a whole number",
+        ),
+        (
+            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=1.5"],
+            2,
+            "euler-ipopt: steps='1.5', but it should be a whole number",
+        ),
+        (
+            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=0"],
+            2,
+            "euler-ipopt: steps=0, but it must be at least 1",
+        ),
+        (
+            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps"],
+            2,
+            "-o steps: write KEY=VALUE, such as -o steps=400",
+        ),
+        (
+            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "backend=3"],
+            2,
+            "euler-ipopt: backend: cannot be set as a whole",
+        ),
+        (
+            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "ipopt.tolll=3"],
+            2,
+            "ipopt has no option 'tolll'; did you mean 'tol'?",
+        ),
+        (
+            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "ipop.tol=3"],
+            2,
+            "euler-ipopt has no backend 'ipop'; did you mean 'ipopt'?",
+        ),
+        (
+            ["solve", "cart.py", "--out", "no/x.json"],
+            2,
+            "--out no/x.json: there is no directory no",
+        ),
+        (["solve", "cart.py", "--out", "."], 2, "--out .: is a directory; name a file in it"),
+        (
+            ["solve", "cart.py", "--guess", "no.json"],
+            2,
+            "--guess no.json: No such file or directory",
+        ),
+        (["solve", "cart.py", "--guess", "cart.py"], 2, "--guess cart.py: not a socp result"),
+        (
+            ["solve", "cart.py", "-m", "lgr-multiphase", "-o", "word=+ ?"],
+            2,
+            "word: '?' is no kind of arc",
+        ),
+        (["solve"], 2, "Missing argument 'FILE_OR_NAME'."),
+        (["slove"], 2, "No such command 'slove'."),
+        (["compare", "cart.py"], 2, "Missing option '-m'"),
+        (
+            ["compare", "cart.py", "-m", "lgr", "-o", "steps=3"],
+            2,
+            "no method here has an option 'steps'",
+        ),
+        (
+            ["describe", "eulr-ipopt"],
+            2,
+            "no method or problem 'eulr-ipopt'; did you mean 'euler-ipopt'?",
+        ),
+        (["describe", "x.py"], 3, "x.py: No such file or directory"),
+        (
+            ["--no-plugin", "lgrr", "methods"],
+            2,
+            "--no-plugin lgrr: no such plugin; did you mean 'lgr'?",
+        ),
+        (
+            ["--no-plugin", "lgr", "solve", "cart.py", "-m", "lgr"],
+            2,
+            "method 'lgr': plugin 'lgr' is off: left out by",
+        ),
+    ],
+)
+def test_a_refusal_is_one_message(
+    socp: Command, arguments: list[str], code: int, message: str
+) -> None:
+    said = socp(*arguments)
+    assert said.err.startswith(f"error: {message}")
+    assert "Traceback" not in said.err
+    assert said.code == code
+    assert not said.out
+
+
+def test_a_guess_must_fit_the_problem(socp: Command, registry: Registry) -> None:
+    default_guess(registry.problem("auv")).save("auv.json")
+    said = socp("solve", "cart.py", "--guess", "auv.json")
+    assert (
+        said.err
+        == "error: --guess auv.json: its states are x, y, phi, u, but those of problem 'cart' "
+        "are x, v\n"
+    )
+    assert said.code == 2
+
+
+def test_a_bug_is_one_line_and_a_hint(socp: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: Any) -> None:
+        raise RuntimeError("impossible\nthing")
+
+    monkeypatch.setattr("socp.registry.loading.load_problem", broken)
+    said = socp("solve", "cart.py")
+    hint = "this is a bug; see where with: socp --debug solve cart.py\n"
+    assert said == (4, "", f"error: internal error: RuntimeError: impossible thing\n{hint}")
+    assert "Traceback" in socp("--debug", "solve", "cart.py").err
+
+
+# -- plugins
+
+
+def test_a_broken_plugin_is_shown_and_stops_nothing(socp: Command, install: Install) -> None:
+    install("broken", "1 / 0\n", plugin="broken")
+    listed = socp("plugins", "list", "--json")
+    assert listed.code == 0
+    row = next(row for row in json.loads(listed.out) if row["name"] == "broken")
+    assert (row["status"], row["reason"]) == (
+        "failed",
+        "ZeroDivisionError: division by zero (broken.py, line 1)",
+    )
+    assert "failed" in socp("plugins").out
+    solved = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10")
+    assert solved.code == 0
+    assert solved.err.startswith("warning: broken of broken 1.0 is left out: ZeroDivisionError")
+    assert socp("solve", "cart.py", "-m", "broken").code == 3
+    assert not socp(
+        "--no-plugin", "broken", "solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10"
+    ).err
+
+
+def test_a_listener_that_raises_is_a_warning(socp: Command, install: Install) -> None:
+    hook = (
+        "from socp import hookimpl\n@hookimpl\ndef socp_solved(problem, solution):\n    raise "
+        "OSError('disk full')\n"
+    )
+    install("recorder", hook, plugin="recorder")
+    said = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10")
+    assert said.code == 0
+    fault = "OSError: disk full (recorder.py, line 4)"
+    assert said.err == f"warning: plugin 'recorder' (recorder 1.0): socp_solved: {fault}\n"
+
+
+def test_options_take_the_types_of_their_fields(install: Install) -> None:
+    install("mine", PLUGIN.format(name="mine"), plugin="mine")
+    method = Registry.load().methods["mine"]
+    own = [("steps", "1e3"), ("bold", "yes"), ("rate", "1e-2"), ("note", "3")]
+    inner = [("ipopt.tol", "1e-7"), ("ipopt.max_iter", "9"), ("ipopt.mu_strategy", "adaptive")]
+    built: Any = build(method, own + inner)
+    assert (built.steps, built.bold, built.rate, built.note) == (1000, True, 0.01, "3")
+    assert built.backend.options == {"tol": 1e-7, "max_iter": 9, "mu_strategy": "adaptive"}
+    for key, text, wanted in (("bold", "maybe", "true or false"), ("rate", "fast", "a number")):
+        with pytest.raises(MethodError, match=f"mine: {key}='{text}', but it should be {wanted}"):
+            build(method, [(key, text)])
+
+
+# -- lists and descriptions
+
+
+def test_lists(socp: Command, registry: Registry) -> None:
+    assert [row["name"] for row in json.loads(socp("list", "--json").out)] == list(
+        registry.problems
+    )
+    assert {row["name"] for row in json.loads(socp("methods", "--json").out)} == set(
+        registry.methods
+    )
+    for command in ("list", "methods", "plugins"):
+        said = socp(command)
+        assert (said.code, said.err) == (0, "")
+        assert all(line == line.rstrip() for line in said.out.splitlines())
+
+
+def test_describe_a_method(socp: Command) -> None:
+    said = socp("describe", "euler-ipopt")
+    assert said.code == 0
+    assert "source: doi:10.3934/dcdsb.2019092" in said.out
+    assert "steps     int       1000      steps of equal length; at least 1" in said.out
+    assert "ipopt.NAME=VALUE sets any of its own options" in said.out
+
+
+def test_describe_a_problem_in_its_own_symbols(socp: Command) -> None:
+    said = socp("describe", "auv")
+    for text in (
+        "x' = u*cos(phi) + 0.8*tanh(y)",
+        "u' = f - u*fabs(u)",
+        "-pi <= r <= pi",
+        "0 <= u <= 2",
+        "disc: x**2 + y**2 <= 0.05",
+        "x = 40, y = -2, phi = pi, u = 0",
+        "t0 = 0, tf free",
+        "objective 14.950161782153",
+    ):
+        assert text in said.out
+
+
+def test_formulas_are_python_and_mean_the_expression() -> None:
+    """What is printed, read back as Python, is the expression again: at random points to
+    rounding.
+    """
+    a, b = states("a b")
+    u = controls("u")
+    cases = [
+        a - (b - u),
+        a - b + u,
+        a / (b / u),
+        a * b / u,
+        (a + b) * u,
+        -(a + b),
+        -a * b,
+        (-a) ** 2,
+        a**b**u,
+        (a**b) ** u,
+        a + a,
+        1 / (a * b),
+        casadi.sqrt(a) * casadi.exp(-b),
+        (a + b) ** 2,
+        a ** (-1),
+        2**a,
+        -3 * a,
+        a * -3,
+        a - (-3),
+        casadi.fmax(a, b - u),
+        casadi.atan2(a, b),
+        (a - b) / 3,
+        casadi.fabs(-a),
+        casadi.pi * a,
+        a / casadi.pi,
+        2 * a * time,
+    ]
+    calls = {name: getattr(casadi, name) for name in ("sqrt", "exp", "fmax", "atan2", "fabs", "pi")}
+    names = {"a": a, "b": b, "u": u, "t": time, **calls}
+    for case in cases:
+        again = eval(formula(case), names)  # noqa: S307
+        pair = casadi.Function("pair", [a, b, u, time], [case, again])
+        left, right = pair(0.7, 1.3, 1.9, 0.4)
+        assert float(left) == pytest.approx(float(right), rel=1e-11), formula(case)
+    named = {
+        casadi.pi: "pi",
+        -casadi.pi / 2: "-pi/2",
+        2 * casadi.pi / 3: "2*pi/3",
+        0.0: "0",
+        3.0: "3",
+    }
+    assert {value: number(value) for value in named} == named
+
+
+# -- compare
+
+
+def test_compare_prints_one_table(socp: Command) -> None:
+    options = ["-o", "steps=30", "-o", "trapezoidal.steps=40", "-o", "ipopt.tol=1e-8"]
+    said = socp("compare", "cart.py", "-m", "euler-ipopt", "-m", "trapezoidal", *options, "--json")
+    assert said.code == 0
+    euler, trapezoidal = json.loads(said.out)["rows"]
+    assert (euler["options"]["steps"], trapezoidal["options"]["steps"]) == (30, 40)
+    assert euler["options"]["ipopt.tol"] == trapezoidal["options"]["ipopt.tol"] == 1e-8
+    assert euler["to_best"] == euler["objective"] - json.loads(said.out)["best"]
+    table = socp(
+        "compare", "auv", "-m", "euler-ipopt", "-m", "lgr", "-o", "steps=30", "-o", "intervals=5"
+    ).out
+    heads = (
+        "N",
+        "objective",
+        "to best",
+        "to reference",
+        "switching times",
+        "TV(r)",
+        "TV(f)",
+        "feasibility",
+        "seconds",
+    )
+    assert all(head in table for head in heads)
+    assert table.index("euler-ipopt") < table.index("lgr")
+
+
+def test_compare_goes_on_where_one_method_cannot(socp: Command) -> None:
+    said = socp(
+        "compare",
+        "cart.py",
+        "-m",
+        "lgr-multiphase",
+        "-m",
+        "euler-ipopt",
+        "-o",
+        "word=u: s",
+        "-o",
+        "steps=20",
+    )
+    assert said.code == 1
+    assert "not solved" in said.out
+    assert "warning: lgr-multiphase: " in said.err
+
+
+def test_a_narrow_terminal_gets_the_table_turned(
+    socp: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("socp.cli.session._PIPED", 60)
+    said = socp("compare", "cart.py", "-m", "euler-ipopt", "-m", "trapezoidal", "-o", "steps=20")
+    assert any(line.split()[:1] == ["objective"] for line in said.out.splitlines())
+    assert all(len(line) <= 60 for line in said.out.splitlines())
+
+
+def test_the_best_is_the_lowest_of_the_feasible_or_else_the_most_feasible() -> None:
+    from dataclasses import replace
+
+    from socp.model.findings import Feasibility
+    from socp.model.solution import Stop
+    from socp.registry.standard import regulator
+
+    guess = replace(default_guess(regulator().problem), stop=Stop.SOLVED)
+
+    def row(objective: float, miss: float) -> Row:
+        found = Feasibility(
+            miss=miss, miss_at="x", path=0.0, path_at="", box=0.0, drift=0.0, feedback=False
+        )
+        return Row("m", replace(guess, objective=objective, verified=(found,)))
+
+    assert best_of([row(1.0, 1e-3), row(3.0, 1e-9), row(2.0, 1e-8)]) == 2.0
+    assert best_of([row(1.0, 1e-2), row(3.0, 1e-4)]) == 3.0
+    assert best_of([Row("m", error="no")]) != best_of([Row("m", error="no")])
+
+
+def test_shared_options_of_a_method_not_compared_are_refused(registry: Registry) -> None:
+    with pytest.raises(MethodError, match=r"no method here has an option 'trapezoidal\.steps'"):
+        shared([registry.methods["euler-ipopt"]], ["trapezoidal.steps=3"])
+
+
+# -- the process
+
+
+def _python(code: str, *arguments: str, cwd: Path | None = None) -> subprocess.Popen[str]:
+    command = [sys.executable, "-c", code, *arguments]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=cwd
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "allowed"),
+    [
+        ("--help", ()),
+        ("--version", ()),
+        ("list", ()),
+        ("plugins list", ("casadi",)),
+        ("methods", ("casadi",)),
+    ],
+)
+def test_heavy_packages_stay_out(arguments: str, allowed: tuple[str, ...]) -> None:
+    code = (
+        "import sys; from socp.cli import main; c = main(sys.argv[1:]); "
+        "print(c, *sys.modules, file=sys.stderr)"
+    )
+    _, err = _python(code, *arguments.split()).communicate(timeout=60)
+    code_, *modules = err.split()
+    assert code_ == "0"
+    assert not set(modules) & (set(HEAVY) - set(allowed))
+
+
+SLOW = """
+import socp.cli.progress, sys
+socp.cli.progress._OCCASIONAL = 0.0
+from socp.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_ctrl_c_ends_the_solver_and_writes_its_last_iterate(tmp_path: Path) -> None:
+    process = _python(
+        SLOW,
+        "solve",
+        AUV,
+        "-m",
+        "euler-ipopt",
+        "-o",
+        "steps=3000",
+        "-o",
+        "ipopt.tol=1e-13",
+        cwd=tmp_path,
+    )
+    assert process.stderr is not None
+    for line in process.stderr:
+        if "iteration 3 " in line:
+            break
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "the solve was interrupted; this is its last iterate" in out
+    assert err.endswith("interrupted: the last iterate is in auv.socp.json\n")
+    assert Solution.load(tmp_path / "auv.socp.json").iterations < 20
+
+
+@pytest.mark.parametrize("moment", ["socp.cli.app.socp.main", "socp.methods.chain.run"])
+def test_ctrl_c_elsewhere_is_130_without_a_traceback(
+    socp: Command, monkeypatch: pytest.MonkeyPatch, moment: str
+) -> None:
+    def interrupted(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(moment, interrupted)
+    said = socp("solve", "cart.py")
+    assert (said.code, said.out, said.err.strip()) == (130, "", "interrupted; nothing was written")
+
+
+def test_ctrl_c_that_breaks_an_import_off_is_no_bug(
+    socp: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def half_imported(*_given: Any) -> None:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        raise NameError("name '_api' is not defined")
+
+    monkeypatch.setattr("socp.methods.chain.run", half_imported)
+    said = socp("solve", "double_integrator_time")
+    assert said.code == 130
+    assert said.err.splitlines()[-1] == "interrupted; nothing was written"
+
+
+def test_ctrl_c_while_judging_keeps_what_was_solved(
+    socp: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("socp.verdict.certify.judge", interrupted)
+    said = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10")
+    assert said.code == 130
+    assert said.err == "interrupted before it was verified: the result is in cart.socp.json\n"
+    assert Solution.load("cart.socp.json").stop.ok
+
+
+def test_a_reader_that_leaves_early_is_no_error() -> None:
+    process = _python("import sys; from socp.cli import main; sys.exit(main(['--help']))")
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.wait(timeout=30) == 141
+    assert process.stderr is not None
+    assert "Traceback" not in process.stderr.read()
+    process.stderr.close()
+
+
+def test_help_states_the_exit_codes(socp: Command) -> None:
+    said = socp("--help")
+    assert said.code == 0
+    lines = [line.split()[0] for line in said.out.partition("Exit codes:")[2].splitlines()[1:9]]
+    assert lines == ["0", "1", "2", "3", "4", "5", "130", "143"]
+    assert socp("--version").out.startswith("socp ")
+    assert socp().out == said.out

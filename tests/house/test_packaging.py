@@ -1,0 +1,102 @@
+"""What is built holds what it must, and every entry point leads somewhere."""
+
+import re
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+from packaging.utils import canonicalize_name
+from packaging.version import Version
+
+from socp.methods.contract import Method
+from socp.registry.plugins import Registry
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_every_plugin_loads_and_every_problem_imports(registry: Registry) -> None:
+    own = [plugin for plugin in registry.plugins if plugin.package.startswith("socp ")]
+    assert {plugin.status for plugin in own} == {"loaded"}
+    assert all(issubclass(method, Method) for method in registry.methods.values())
+    for name in registry.problems:
+        assert registry.problem(name).name == name
+
+
+def test_every_file_of_plugins_and_problems_is_registered() -> None:
+    for room, group in (("plugins", "socp.plugins"), ("problems", "socp.problems")):
+        targets = {point.value.partition(":")[0] for point in metadata.entry_points(group=group)}
+        assert {f"socp_{room}.{path.stem}" for path in (ROOT / room).glob("[!_]*.py")} <= targets
+
+
+def test_the_command_is_installed() -> None:
+    (point,) = metadata.entry_points(group="console_scripts", name="socp")
+    assert point.value == "socp.cli:main"
+    assert callable(point.load())
+
+
+def requirements() -> dict[str, str]:
+    """Return the lowest version of every package that pyproject.toml asks for."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    lines = [
+        *project["dependencies"],
+        *(line for extra in project["optional-dependencies"].values() for line in extra),
+    ]
+    found = [re.match(r"([\w-]+)(?:\[\w+\])?>=([\w.]+)", line) for line in lines]
+    assert None not in found, "every package has a lower bound"
+    return {each[1]: each[2] for each in found if each}
+
+
+def pins(name: str) -> dict[str, str]:
+    lines = (ROOT / "constraints" / name).read_text().splitlines()
+    return dict(line.split("==") for line in lines if not line.startswith("#"))
+
+
+def test_the_lowest_versions_are_those_that_pyproject_allows() -> None:
+    assert pins("lowest.txt") == requirements()
+
+
+def test_every_package_has_a_tested_version_that_pyproject_allows() -> None:
+    tested = {canonicalize_name(name): version for name, version in pins("tested.txt").items()}
+    for name, lowest in requirements().items():
+        if name != "setuptools":  # comes with every environment
+            assert Version(tested[name]) >= Version(lowest), name
+
+
+@pytest.mark.slow
+def test_what_is_built_holds_every_module_and_no_more(tmp_path: Path) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "build",
+        "--no-isolation",
+        "--outdir",
+        str(tmp_path),
+        str(ROOT),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (wheel,) = tmp_path.glob("*.whl")
+    (sdist,) = tmp_path.glob("*.tar.gz")
+    rooms = {"socp": "socp", "plugins": "socp_plugins", "problems": "socp_problems"}
+    wanted = set()
+    for room, package in rooms.items():
+        wanted |= {
+            f"{package}/{path.relative_to(ROOT / room)}" for path in (ROOT / room).rglob("*.py")
+        }
+    with zipfile.ZipFile(wheel) as archive:
+        held = {
+            name for name in archive.namelist() if not name.partition("/")[0].endswith(".dist-info")
+        }
+        assert held == wanted | {"socp/py.typed"}
+        assert any(name.endswith("licenses/LICENSE") for name in archive.namelist())
+    with tarfile.open(sdist) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    sources = {
+        str(path.relative_to(ROOT)) for room in rooms for path in (ROOT / room).rglob("*.py")
+    }
+    assert sources | {"pyproject.toml", "LICENSE", "socp/py.typed"} <= names

@@ -1,0 +1,69 @@
+"""Scenes: what they show along a solution is what the problem's own expressions say."""
+
+import numpy as np
+import pytest
+
+from socp.methods.guess import default_guess
+from socp.model.problem import Problem
+from socp.model.scene import picture
+from socp.model.symbols import controls, final_time, states
+from socp.registry.plugins import Registry
+
+x, y, z = states("x y z")
+v = controls("v")
+
+
+@pytest.fixture(scope="module")
+def auv() -> Problem:
+    return Registry.load().problem("auv")
+
+
+def test_a_scene_shows_path_heading_target_and_current(auv: Problem) -> None:
+    guess = default_guess(auv)
+    seen = picture(auv, guess)
+    np.testing.assert_array_equal(seen.path, guess.rows("x")[:2])
+    np.testing.assert_array_equal(seen.heading, guess.rows("x")[2])
+    assert seen.target == (0, 0, pytest.approx(0.05**0.5))
+    points, current = seen.flow
+    np.testing.assert_allclose(
+        current, [0.8 * np.tanh(points[1]), np.zeros(points.shape[1])], atol=1e-15
+    )
+    assert ((seen.box[:, :1] < points) & (points < seen.box[:, 1:])).all()
+
+
+def test_it_is_evaluated_at_any_times(auv: Problem) -> None:
+    guess, t = default_guess(auv), np.array([0.1, 1.0])
+    np.testing.assert_array_equal(picture(auv, guess, t).path, guess.at(t)[:2])
+
+
+def test_switches_are_marked_where_they_happen(auv: Problem) -> None:
+    from dataclasses import replace
+
+    guess = default_guess(auv)
+    half = 0.5 * guess.final_time
+    guess = replace(guess, structure={"r": (("+", 0.0, half), ("s", half, guess.final_time))})
+    (mark,) = picture(auv, guess).marks
+    assert (mark.t, mark.label) == (half, "r: + s")
+    np.testing.assert_allclose(mark.place, guess.at(half)[:2, 0])
+
+
+@pytest.mark.parametrize("dynamics", [{x: v}, {x: y, y: v}, {x: y, y: z, z: v}])
+def test_without_one_the_phase_plane_of_the_first_states_is_shown(
+    dynamics: dict[object, object],
+) -> None:
+    problem = Problem(
+        name="chain",
+        minimise=final_time,
+        dynamics=dynamics,
+        bounds={v: (-1, 1)},
+        start={x: 0},
+        end={x: 1},
+        units={x: "m"},
+    )
+    guess = default_guess(problem)
+    seen = picture(problem, guess)
+    expected = guess.rows("x")[:2] if len(dynamics) > 1 else [guess.t, guess.rows("x")[0]]
+    np.testing.assert_array_equal(seen.path, expected)
+    assert seen.labels == (("x (m)", "y") if len(dynamics) > 1 else ("t", "x (m)"))
+    assert not seen.spatial
+    assert (np.diff(seen.box, axis=1) > 0).all()

@@ -1,0 +1,262 @@
+"""Words read off solutions and mended, on solutions made by hand; the search's ration of work."""
+
+from dataclasses import replace
+
+import casadi
+import numpy as np
+import pytest
+
+from socp import Problem, Solution, controls, states
+from socp.model.arc import Arc
+from socp.model.findings import Feasibility, Finding, Verdict
+from socp.model.solution import Stop
+from socp.model.symbols import final_time
+from socp.model.word import Mode
+from socp.search.candidate import Candidate, insert, merged
+from socp.search.conclusion import explained
+from socp.search.effort import Ration, Search
+from socp.search.mending import mends
+from socp.search.reading import candidate, read
+from socp.solvers.contract import NLP, NLPPoint
+from socp.verdict.junctions import chattering
+
+x, y = states("x y")
+u, w = controls("u w")
+problem = Problem(
+    name="made by hand",
+    minimise=final_time,
+    dynamics={x: u, y: w},
+    bounds={u: (-1, 1), w: (0, 2), x: (None, 3)},
+    start={x: 0, y: 0},
+    end={x: 1},
+)
+
+
+def held(first: list[float], second: list[float]) -> Solution:
+    """Return a solution whose controls are constant on intervals of length 1."""
+    t = np.arange(len(first) + 1.0)
+    rows = np.array([first, second])
+    arc = Arc(
+        t=t,
+        x=np.zeros((2, t.size)) - 1.0,
+        u=np.hstack([rows[:, :1], rows]),
+        costate=np.full((2, t.size), np.nan),
+        mesh=np.arange(t.size),
+        side="right",
+        modes=("*", "*"),
+    )
+    names = {"state_names": problem.state_names, "control_names": problem.control_names}
+    return Solution(
+        problem=problem.name, method="m", arcs=(arc,), objective=0.0, stop=Stop.SOLVED, **names
+    )
+
+
+def made(*arcs: str, edges: tuple[float, ...] | None = None) -> Candidate:
+    """Return a candidate over [0, 12] from arcs such as `+ s`, of equal lengths unless edges are
+    given.
+    """
+    modes = tuple(tuple(Mode.parse(mode) for mode in arc.split()) for arc in arcs)
+    return Candidate(
+        modes,
+        edges or tuple(np.linspace(0, 12, len(arcs) + 1).tolist()),
+        held([0.0] * 12, [1.0] * 12),
+    )
+
+
+def spelt(given: Candidate) -> list[str]:
+    return [" ".join(map(str, arc)) for arc in given.arcs]
+
+
+def test_reading_joins_the_switches_of_all_controls() -> None:
+    found = read(problem, held([1] * 6 + [-1] * 6, [2] * 3 + [0] * 9))
+    assert spelt(found) == ["+ +", "+ -", "- -"]
+    assert found.edges == pytest.approx((0, 3, 6, 12))
+
+
+def test_reading_takes_back_a_switch_smeared_over_two_steps() -> None:
+    found = read(problem, held([1] * 5 + [0.5, -0.5] + [-1] * 5, [2] * 12))
+    assert spelt(found) == ["+ +", "- +"]
+    assert found.edges[1] == pytest.approx(6.0)
+
+
+def test_reading_keeps_a_long_stretch_inside_the_box() -> None:
+    assert spelt(read(problem, held([1] * 4 + [0.3] * 4 + [-1] * 4, [2] * 12))) == [
+        "+ +",
+        "s +",
+        "- +",
+    ]
+
+
+def test_reading_takes_fast_flutter_for_a_singular_arc() -> None:
+    assert spelt(read(problem, held([1] * 20 + [-1, 1] * 10 + [-1] * 20, [2] * 60))) == [
+        "+ +",
+        "s +",
+        "- +",
+    ]
+
+
+def test_a_few_short_bangs_are_no_flutter() -> None:
+    assert spelt(read(problem, held([1] * 20 + [-1] * 4 + [1] * 20, [2] * 44))) == [
+        "+ +",
+        "- +",
+        "+ +",
+    ]
+
+
+def test_switches_that_differ_by_rounding_are_one() -> None:
+    stretches = {
+        "u": (("+", 0, 4.0), ("-", 4.0, 12)),
+        "w": (("-", 0, 4.0 + 1e-13), ("+", 4.0 + 1e-13, 12)),
+    }
+    assert spelt(candidate(held([0] * 12, [1] * 12), stretches)) == ["+ -", "- +"]
+
+
+def test_equal_neighbours_are_merged() -> None:
+    found = merged(made("+ s", "+ s", "- s"))
+    assert spelt(found) == ["+ s", "- s"]
+    assert found.edges == (0, 8, 12)
+
+
+@pytest.mark.parametrize(
+    ("t", "arcs"),
+    [(6.0, ["s +", "- +", "s +"]), (0.0, ["- +", "s +"]), (12.0, ["s +", "- +"])],
+)
+def test_an_arc_is_inserted_around_a_time_or_at_an_end(t: float, arcs: list[str]) -> None:
+    found = insert(made("s +"), 0, "-", t)
+    assert spelt(found) == arcs
+    assert all(np.diff(found.edges) > 0)
+    k = arcs.index("- +")
+    assert found.edges[k] <= t <= found.edges[k + 1]
+
+
+def test_inserting_what_is_there_already_changes_nothing() -> None:
+    assert spelt(insert(made("+ +", "- +"), 0, "+", 1.0)) == ["+ +", "- +"]
+
+
+def solved(tried: Candidate, verdict: Verdict | None = None, **more: object) -> Solution:
+    """Return a solution with the arcs and edges of a candidate, its structure spelt out."""
+    arcs, rows = [], {name: [] for name in problem.control_names}
+    values = {"+": (1.0, 2.0), "-": (-1.0, 0.0), "s": (0.0, 1.0)}
+    for modes, a, b in zip(tried.arcs, tried.edges, tried.edges[1:], strict=False):
+        t = np.linspace(a, b, 3)
+        level = np.array([values[str(mode)][i] for i, mode in enumerate(modes)])
+        names = tuple(map(str, modes))
+        arcs.append(
+            Arc(
+                t=t,
+                x=np.zeros((2, 3)),
+                u=np.repeat(level[:, None], 3, axis=1),
+                costate=np.full((2, 3), np.nan),
+                mesh=np.array([0, 2]),
+                side="both",
+                modes=names,
+            )
+        )
+        for row, mode in zip(rows.values(), names, strict=True):
+            if row and row[-1][0] == mode:
+                row[-1] = (mode, row[-1][1], b)
+            else:
+                row.append((mode, a, b))
+    structure = {name: tuple(row) for name, row in rows.items()}
+    return replace(tried.source, arcs=tuple(arcs), structure=structure, verdict=verdict, **more)  # type: ignore[arg-type]
+
+
+def test_an_arc_without_length_is_dropped_or_its_switches_swapped() -> None:
+    tried = made("+ -", "- -", "- +", edges=(0.0, 6.0, 6.0 + 1e-9, 12.0))
+    found = [spelt(each) for each in mends(problem, tried, solved(tried))]
+    assert found == [["+ -", "- +"], ["+ -", "+ +", "- +"]]
+
+
+def test_a_switching_function_of_the_wrong_sign_asks_for_an_arc_there() -> None:
+    finding = Finding(
+        condition="switching function sign",
+        residual=1e-2,
+        where="u, stretch 1 (+)",
+        t=6.0,
+        wants="-",
+    )
+    tried = made("+ -")
+    found = [
+        spelt(each)
+        for each in mends(problem, tried, solved(tried, Verdict(miss=0.0, findings=(finding,))))
+    ]
+    assert found == [["+ -", "- -", "+ -"], ["+ -", "s -", "+ -"]]
+
+
+def test_a_stretch_without_a_strict_sign_is_dropped() -> None:
+    tried = made("+ -", "- -", "s -")
+    margins = {"u, stretch 1 (+)": 0.1, "u, stretch 2 (-)": -1e-9, "w, stretch 1 (-)": 0.1}
+    verdict = Verdict(miss=0.0, margins=margins, findings=(Finding(condition="a", residual=1e-8),))
+    assert [spelt(each) for each in mends(problem, tried, solved(tried, verdict))] == [
+        ["+ -", "s -"]
+    ]
+
+
+def test_a_violated_state_constraint_is_followed_where_it_is_worst() -> None:
+    tried = made("+ -")
+    solution = solved(tried)
+    arc = replace(solution.arcs[0], x=np.array([[0.0, 4.0, 1.0], [0.0, 0.0, 0.0]]))
+    broken = Feasibility(
+        miss=0.0, miss_at="x", path=0.3, path_at="x.upper", box=0.0, drift=0.0, feedback=False
+    )
+    (found,) = mends(problem, tried, replace(solution, arcs=(arc,), verified=(broken,)))
+    assert spelt(found) == ["+ -", "b[x.upper] -", "+ -"]
+
+
+def test_a_ration_ends_with_the_work_and_says_so() -> None:
+    v = casadi.SX.sym("v", 4)
+    nlp = NLP(
+        v=v,
+        f=casadi.sumsqr(v - 1) ** 2 + casadi.exp(v[0]),
+        g=casadi.SX(0, 1),
+        v_box=np.array([[-5.0] * 4, [5.0] * 4]),
+        g_box=np.zeros((2, 0)),
+        binary=np.zeros(4, dtype=bool),
+    )
+    guess = NLPPoint(v=np.full(4, 4.0))
+    assert Ration(left=1e4)(nlp, guess).stop.ok
+    short = Ration(left=4 * 12.5)
+    assert short(nlp, guess).stop is Stop.LIMIT
+    assert short.left < 4 * 10
+    refused = short(nlp, guess)
+    assert refused.stop is Stop.LIMIT
+    assert "work allowed" in refused.message
+    assert refused.v == pytest.approx(guess.v)
+
+
+def fuller(order: int) -> Problem:
+    """Return x1^2 over a chain of integrators: singular arcs of that order."""
+    chain = list(states("f1 f2 f3"))[:order]
+    rates = dict(zip(chain, [*chain[1:], u], strict=True))
+    return Problem(
+        name="chain",
+        running=chain[0] ** 2,
+        dynamics=rates,
+        bounds={u: (-1, 1)},
+        start=dict.fromkeys(chain, 1),
+        final_time=5,
+    )
+
+
+@pytest.mark.parametrize(("order", "names"), [(1, []), (2, ["u"]), (3, [])])
+def test_a_jump_onto_a_singular_arc_of_even_order_is_chattering(
+    order: int, names: list[str]
+) -> None:
+    tried = solved(made("- +", "s +"))
+    only = replace(tried, structure={"u": (("-", 0.0, 6.0), ("s", 6.0, 12.0))})
+    assert chattering(fuller(order), only) == names
+
+
+def test_a_bang_bang_word_is_no_chattering() -> None:
+    only = replace(solved(made("- +", "+ +")), structure={"u": (("-", 0.0, 6.0), ("+", 6.0, 12.0))})
+    assert chattering(fuller(2), only) == []
+
+
+def test_a_search_that_fails_names_the_worst_that_is_left() -> None:
+    verdict = Verdict(
+        miss=0.0,
+        findings=(Finding(condition="a", residual=1e-3), Finding(condition="b", residual=0.1)),
+    )
+    search = Search(count=7, best=solved(made("+ -"), verdict))
+    assert "7 tried" in explained(problem, search)
+    assert "b: 1.0e-01" in explained(problem, search)
