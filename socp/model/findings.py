@@ -42,10 +42,10 @@ class Feasibility:
 
     @property
     def off(self) -> float:
-        """Largest of all figures: the violations, and how far the motion and its objective are from
-        what is claimed.
+        """Largest figure of the control: its violations, and how far its objective is from the
+        claimed one. How far its motion is from the returned states, `drift`, is a matter of these.
         """
-        figures = (self.worst, self.drift, self.gap)
+        figures = (self.worst, self.gap)
         return float("inf") if np.isnan(figures).any() else max(figures)
 
     @property
@@ -55,7 +55,6 @@ class Feasibility:
             f"end condition {self.miss_at}": self.miss,
             f"state constraint {self.path_at}": self.path,
             "box of the controls": self.box,
-            "states other than the returned ones": self.drift,
             f"objective {self.objective:.6g}, not the returned one": self.gap,
         }
         return self.error or max(

@@ -29,6 +29,7 @@ def claims(along: Along, density: np.ndarray, size: float) -> Iterator[Finding]:
     magnitude `size`.
     """
     yield _motion(along)
+    yield _drift(along.solution)
     yield _objective(along)
     yield from _modes(along, density, size)
     yield from _parameters(along)
@@ -79,6 +80,15 @@ def _motion(along: Along) -> Finding:
     title = "states are those of the controls"
     return Finding(
         condition=title, residual=float(off[i, k]), where=where, t=float(samples.edges[k])
+    )
+
+
+def _drift(solution: Solution) -> Finding:
+    """Find how far the states are from those that the control, re-integrated, goes through."""
+    drift = max((found.drift for found in solution.verified), default=np.inf)
+    return Finding(
+        condition="states are those of the re-integrated control",
+        residual=np.inf if np.isnan(drift) else drift,
     )
 
 

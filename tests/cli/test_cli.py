@@ -350,7 +350,7 @@ def test_a_bug_is_one_line_and_a_hint(socp: Command, monkeypatch: pytest.MonkeyP
     def broken(*_: Any) -> None:
         raise RuntimeError("impossible\nthing")
 
-    monkeypatch.setattr("socp.registry.loading.load_problem", broken)
+    monkeypatch.setattr("socp.cli.commands.solving.load_problem", broken)
     said = socp("solve", "cart.py")
     hint = "this is a bug; see where with: socp --debug solve cart.py\n"
     assert said == (4, "", f"error: internal error: RuntimeError: impossible thing\n{hint}")
@@ -671,7 +671,7 @@ def test_ctrl_c_while_judging_keeps_what_was_solved(
     def interrupted(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("socp.verdict.certify.judge", interrupted)
+    monkeypatch.setattr("socp.methods.chain.judge", interrupted)
     said = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10")
     assert said.code == 130
     assert said.err == "interrupted before it was verified: the result is in cart.socp.json\n"

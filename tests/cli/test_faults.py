@@ -444,7 +444,7 @@ def test_a_folder_that_turns_up_where_the_result_goes_is_left_alone(
         Path("cart.socp.json").mkdir(exist_ok=True)
         return judged(problem, solution)
 
-    monkeypatch.setattr("socp.verdict.certify.judge", judging)
+    monkeypatch.setattr("socp.methods.chain.judge", judging)
     said = command(*QUICK)
     assert said.code == 5
     assert Path("cart.socp.json").is_dir()
@@ -566,7 +566,7 @@ def test_memory_that_gives_out_is_no_bug(
     def give_out(*_: Any, **__: Any) -> None:
         raise error
 
-    monkeypatch.setattr("socp.transcription.collocation.collocate", give_out)
+    monkeypatch.setattr("socp.methods.contract.collocate", give_out)
     said = command(*words)
     assert said.code == 5
     assert said.err == "error: the memory gave out; give it more, or solve on a coarser grid\n"
@@ -892,7 +892,7 @@ def broken(*bodies: str) -> str:
         + f"        {each}\n\n"
         for k, each in enumerate(bodies)
     ]
-    own = "from dataclasses import replace\nfrom socp.solvers.contract import Progress\n"
+    own = "from dataclasses import replace\nfrom socp.model import Progress\n"
     return (
         own
         + head

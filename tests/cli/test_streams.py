@@ -403,7 +403,7 @@ def test_width_of_a_terminal(monkeypatch: pytest.MonkeyPatch, columns: str) -> N
 
 def test_figures_need_no_backend() -> None:
     code = (
-        "import os; from socp import extras; m = extras.load('matplotlib', 'plot', 'a figure');"
+        "import os; from socp import errors; m = errors.load('matplotlib', 'plot', 'a figure');"
         "print(os.environ['MPLBACKEND'], m.rcParams._get('backend'))"
     )
     for backend in ("nonsense", "pdf"):

@@ -272,7 +272,7 @@ def test_digits_come_from_two_computations() -> None:
 
 
 def test_meshes_are_compared_where_newton_does_not_settle(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("socp.methods.polish.polished", lambda *_: None)
+    monkeypatch.setattr("socp.search.digits.polished", lambda *_: None)
     problem = minimum_time().problem
     solution = along(problem, "u: - +", [1.0, 1.0])
     found = trusted(problem, solution, 9, Ipopt({"tol": 1e-11}))

@@ -307,7 +307,7 @@ def test_a_worker_that_dies_costs_its_job_alone(
 
 def test_dead_workers_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     outcome = Outcome(0, "", made(1.0))
-    monkeypatch.setattr("socp.study.workers.worked", lambda *_: iter([(0, outcome), (1, None)]))
+    monkeypatch.setattr("socp.study.census.worked", lambda *_: iter([(0, outcome), (1, None)]))
     found = survey(cart(), 2, workers=(2, Cart()))
     assert (found.died, [each.number for each in found.outcomes]) == ((1,), [0])
 
