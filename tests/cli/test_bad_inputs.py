@@ -730,10 +730,13 @@ def test_a_check_of_an_unknown_problem_says_how_to_name_its_file(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10", "--quiet"]) == 0
+    old = json.loads(Path("cart.socp.json").read_text())  # as results were before they carried it
+    del old["statement"]
+    Path("cart.socp.json").write_text(json.dumps(old))
     assert main(["check", "cart.socp.json"]) == 3
-    assert (
-        "problem 'cart' is not registered; give its file: --problem FILE" in capsys.readouterr().err
-    )
+    said = capsys.readouterr().err
+    assert "carries no statement of its problem 'cart', and no such problem is registered" in said
+    assert "--problem FILE" in said
 
 
 def test_a_failed_run_shows_the_horizon_that_is_fixed(

@@ -639,7 +639,7 @@ def test_ctrl_c_ends_the_solver_and_writes_its_last_iterate(tmp_path: Path) -> N
     assert Solution.load(tmp_path / "auv.socp.json").iterations < 20
 
 
-@pytest.mark.parametrize("moment", ["socp.cli.app.socp.main", "socp.methods.chain.run"])
+@pytest.mark.parametrize("moment", ["socp.cli.app.socp.main", "socp.methods.run"])
 def test_ctrl_c_elsewhere_is_130_without_a_traceback(
     socp: Command, monkeypatch: pytest.MonkeyPatch, moment: str
 ) -> None:
@@ -659,7 +659,7 @@ def test_ctrl_c_that_breaks_an_import_off_is_no_bug(
             signal.raise_signal(signal.SIGINT)
         raise NameError("name '_api' is not defined")
 
-    monkeypatch.setattr("socp.methods.chain.run", half_imported)
+    monkeypatch.setattr("socp.methods.run", half_imported)
     said = socp("solve", "double_integrator_time")
     assert said.code == 130
     assert said.err.splitlines()[-1] == "interrupted; nothing was written"

@@ -149,7 +149,7 @@ def pressed(patch: pytest.MonkeyPatch, target: str, number: int, times: int, cal
 
 ITERATING = "socp.solvers.ipopt:_Observer.eval_buffer"
 SOLVING = {
-    "while the guess is made": ("socp.methods.guess:default_guess", 1, None),
+    "while the guess is made": ("socp.methods:default_guess", 1, None),
     "at the first iteration": (ITERATING, 1, "INTERRUPTED"),
     "at a later iteration": (ITERATING, 3, "INTERRUPTED"),
     "while it is judged": ("socp.methods.chain:judge", 1, "unverified"),

@@ -370,7 +370,7 @@ def failing(code: int) -> Any:
         ("os.fsync", errno.ENOSPC, "No space left on device"),
         ("pathlib.Path.replace", errno.EACCES, "Permission denied"),
         ("pathlib.Path.chmod", errno.EPERM, "Operation not permitted"),
-        ("tempfile.mkstemp", errno.EROFS, "Read-only file system"),
+        ("os.open", errno.EROFS, "Read-only file system"),
     ],
 )
 def test_a_failed_write_leaves_the_old_file_and_no_other(

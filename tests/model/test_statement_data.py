@@ -463,7 +463,6 @@ def test_names_that_are_code_stay_names() -> None:
     "changes",
     [
         {"title": "\x1b[31m"},
-        {"name": "a\nb"},
         {"path": {"\x07": x <= 9}},
         {"units": {x: "\x00"}},
         {"target": {"n" * 201: x <= 9}},

@@ -95,7 +95,7 @@ def test_a_claimed_state_hides_no_violation(claimed: float | None, node: int) ->
         values[0, node] = claimed
     verdict = verdict_of(judge(limited, replace(made, arcs=(replace(made.arcs[0], x=values),))))
     assert not verdict.feasible
-    assert verdict.miss >= (np.exp(2) - 2) / np.exp(2) - 1e-6
+    assert verdict.miss >= (np.exp(2) - 2) / np.exp(2) - 1e-5
     (violated, *_) = judge(limited, made).verified
     assert violated.path == pytest.approx(
         (np.exp(2) - 2) / np.exp(2), rel=1e-6
@@ -104,7 +104,7 @@ def test_a_claimed_state_hides_no_violation(claimed: float | None, node: int) ->
 
 @pytest.mark.parametrize("scale", [0.5, 0.9, 1.1, 1e3])
 @pytest.mark.parametrize("place", ["node", "all", "end"])
-def test_states_that_are_not_those_of_the_control_are_not_feasible_with_free_ends(
+def test_states_that_are_not_those_of_the_control_are_no_extremal_with_free_ends(
     scale: float, place: str
 ) -> None:
     made = along(posed(), "-", intervals=2)
@@ -113,9 +113,9 @@ def test_states_that_are_not_those_of_the_control_are_not_feasible_with_free_end
     where = {"node": slice(5, 6), "all": slice(1, None), "end": slice(-1, None)}[place]
     values[0, where] *= scale
     judged = judge(posed(), replace(made, arcs=(replace(made.arcs[0], x=values),)))
-    assert not verdict_of(judged).feasible
     assert not judged.extremal
-    assert "states other than the returned ones" in verdict_of(judged).reasons[0]
+    reasons = verdict_of(judged).reasons
+    assert any(reason.startswith("states are those of the re-int") for reason in reasons)
 
 
 def test_a_grid_of_some_hundred_steps_is_still_feasible_and_a_coarse_one_is_not() -> None:

@@ -202,10 +202,12 @@ def test_reasons_name_what_is_wrong() -> None:
         problem, replace(solution, arcs=(solution.arcs[0], replace(arc, modes=("-",))))
     ).verdict
     assert wrong is not None
-    assert wrong.reasons[0].startswith(
-        "the re-integrated control is off by"
-    )  # as feedback it goes elsewhere
-    assert wrong.reasons[1].startswith("control keeps the mode of its arc on u, arc 2 (-)")
+    # as feedback it goes elsewhere
+    assert wrong.reasons[0].startswith("the re-integrated control is off by")
+    assert any(
+        reason.startswith("control keeps the mode of its arc on u, arc 2 (-)")
+        for reason in wrong.reasons
+    )
 
 
 def test_ten_thousand_steps_are_judged_at_few_nodes() -> None:
