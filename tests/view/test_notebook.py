@@ -13,7 +13,7 @@ import pytest
 
 from socp import Problem, Solution, default_guess, errors, run
 from socp.errors import MethodError
-from socp.model.findings import Finding, Verdict
+from socp.model.findings import Finding
 from socp.model.solution import Stop
 from socp.registry.plugins import Registry
 
