@@ -32,6 +32,8 @@ from socp.model.symbols import (
 )
 from socp.model.views import view
 
+_TIMES = ("time", "t", "t0", "tf")  # names of the time and of its ends
+
 __all__ = [
     "Condition",
     "Constraint",
@@ -140,6 +142,19 @@ class Problem:
         return _restored, (json.dumps(self.statement),)
 
     # -- symbols
+
+    def unit(self, name: str) -> str:
+        """Return the unit of a quantity by its name, empty where it has none; `time` and the two
+        ends of the horizon have one unit, whichever of them it was given for.
+        """
+        found = {symbol.name(): unit for symbol, unit in self.units.items()}
+        names = _TIMES if name in _TIMES else (name,)
+        return next((found[each] for each in names if each in found), "")
+
+    def labelled(self, name: str) -> str:
+        """Return a name with its unit in parentheses, where it has one."""
+        unit = self.unit(name)
+        return f"{name} ({unit})" if unit else name
 
     @cached_property
     def x(self) -> Expr:

@@ -108,10 +108,7 @@ def picture(problem: "Problem", solution: "Solution", t: Any = None) -> Picture:
     heading = (
         None if scene.heading is None else _values(problem, solution, [scene.heading], at, x)[0]
     )
-    units = {symbol.name(): unit for symbol, unit in problem.units.items()}
-    labels = [
-        f"{name} ({units[name]})" if units.get(name) else name for name in map(str, scene.plane)
-    ]
+    labels = [problem.labelled(str(each)) for each in scene.plane]
     found = Picture(
         t=at,
         path=path,

@@ -6,6 +6,9 @@ from .figures.draw import check as check
 from .figures.draw import draw as draw
 from .figures.draw import to_bytes as to_bytes
 from .notebook import html as html
+from .outcomes import Outcome as Outcome
+from .outcomes import infeasible as infeasible
+from .outcomes import outcome_of as outcome_of
 from .recording.contents import Run as Run
 from .recording.contents import items as items
 from .recording.contents import log10 as log10
@@ -22,6 +25,16 @@ from .recording.plane import together as together
 from .recording.summary import comparison as comparison
 from .recording.translate import blueprint as blueprint
 from .recording.translate import send as send
+from .report import Line as Line
+from .report import Row as Row
+from .report import Tone as Tone
+from .report import signed as signed
+from .report import small as small
+from .report import solution_rows as solution_rows
+from .report import switching as switching
+from .report import times as times
+from .report import to_reference as to_reference
+from .report import verdict_rows as verdict_rows
 from .statement import formula as formula
 from .statement import notes as notes
 from .statement import stated as stated

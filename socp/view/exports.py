@@ -20,15 +20,9 @@ if TYPE_CHECKING:
     from socp.model import Problem, Solution
 
 
-def units(problem: "Problem | None") -> dict[str, str]:
-    """Return the units of a problem by name, that of time under `time`; empty without a problem."""
-    found = (
-        {} if problem is None else {symbol.name(): unit for symbol, unit in problem.units.items()}
-    )
-    for name in ("tf", "t0", "t"):
-        if name in found:
-            found["time"] = found.pop(name)
-    return found
+def unit(problem: "Problem | None", name: str) -> str:
+    """Return the unit of a quantity by its name, empty where none is known."""
+    return "" if problem is None else problem.unit(name)
 
 
 def attributes(solution: "Solution") -> dict[str, Any]:
@@ -60,7 +54,6 @@ def to_xarray(solution: "Solution", problem: "Problem | None" = None) -> Any:
     """
     xarray = errors.load("xarray", "export", "an xarray Dataset")
     named, values = _blocks(solution, problem), {}
-    known = units(problem)
     names = {
         "state": solution.state_names,
         "control": solution.control_names,
@@ -71,11 +64,12 @@ def to_xarray(solution: "Solution", problem: "Problem | None" = None) -> Any:
         carried = (
             names.get(dimensions[0], ()) if name in {"states", "controls", "parameters"} else ()
         )
-        text = ", ".join(f"{each}: {known[each]}" for each in carried if each in known)
+        text = ", ".join(f"{each}: {u}" for each in carried if (u := unit(problem, each)))
         values[name] = (dimensions, array, {"units": text} if text else {})
     coordinates: dict[str, Any] = {kind: list(each) for kind, each in names.items() if each}
-    time = {"units": known["time"]} if "time" in known else {}
-    coordinates["time"], coordinates["arc"] = ("node", solution.t, time), ("node", _arcs(solution))
+    time = unit(problem, "time")
+    coordinates["time"] = ("node", solution.t, {"units": time} if time else {})
+    coordinates["arc"] = ("node", _arcs(solution))
     return xarray.Dataset(values, coordinates, attributes(solution))
 
 
@@ -116,9 +110,9 @@ def to_csv(solution: "Solution", problem: "Problem | None" = None) -> bytes:
 
     A name in the header is followed by its unit in brackets where the problem has one.
     """
-    columns, known, file = table(solution, problem), units(problem), io.StringIO(newline="")
+    columns, file = table(solution, problem), io.StringIO(newline="")
     writer = csv.writer(file, lineterminator="\n")
-    writer.writerow([f"{name} [{known[name]}]" if name in known else name for name in columns])
+    writer.writerow([f"{name} [{u}]" if (u := unit(problem, name)) else name for name in columns])
     arc = list(columns).index("arc")
     for row in zip(*columns.values(), strict=True):
         writer.writerow(
@@ -133,8 +127,8 @@ def to_parquet(solution: "Solution", problem: "Problem | None" = None) -> bytes:
     """
     arrow = errors.load("pyarrow", "export", "format parquet")
     parquet = errors.load("pyarrow.parquet", "export", "format parquet")
-    columns, known = table(solution, problem), units(problem)
-    meta = {name: {"units": known[name]} if name in known else {} for name in columns}
+    columns = table(solution, problem)
+    meta = {name: {"units": u} if (u := unit(problem, name)) else {} for name in columns}
     fields = [
         arrow.field(k, arrow.from_numpy_dtype(v.dtype), metadata=meta[k])
         for k, v in columns.items()
@@ -176,7 +170,6 @@ def to_mat(solution: "Solution", problem: "Problem | None" = None) -> bytes:
         "control": solution.control_names,
         "parameter": tuple(solution.parameters),
     }
-    known = units(problem)
     result = {
         "solution": {
             "phase": phases,
@@ -185,10 +178,10 @@ def to_mat(solution: "Solution", problem: "Problem | None" = None) -> bytes:
         **attributes(solution),
         "names": {kind: _texts(each) for kind, each in names.items()},
         "units": {
-            kind: _texts([known.get(name, "") for name in each]) for kind, each in names.items()
+            kind: _texts([unit(problem, name) for name in each]) for kind, each in names.items()
         },
     }
-    result["units"]["time"] = known.get("time", "")
+    result["units"]["time"] = unit(problem, "time")
     file = io.BytesIO()
     savemat(file, {"result": result}, oned_as="row", long_field_names=True)
     return file.getvalue()

@@ -2,19 +2,20 @@
 network.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from functools import singledispatch
 from html import escape
 from itertools import groupby
 
-from socp.model import EXTREMAL, Problem, Solution, Verdict
+from socp.errors import MethodError, ProblemError
+from socp.model import Problem, Solution, Verdict
 from socp.process import printable
+from socp.view.report import Row, Tone, conditions, solution_rows, verdict_rows
 
-_MANY = 8  # more arcs of one control than this are counted, not listed
 _WIDTH = 7.0  # inches of the figure in a notebook
 _CELL = 'style="text-align:left;vertical-align:top;padding:2px 12px 2px 0"'
-_MODES = {"-": "lower bound", "+": "upper bound", "s": "singular", "*": "free"}
-Row = tuple[str, str]  # a label and HTML
+_COLOURS = {Tone.GOOD: "#2e8b57", Tone.BAD: "#d13438", Tone.NOTE: "#b8860b"}  # on light and dark
+Cell = tuple[str, str]  # a label and HTML
 
 
 @singledispatch
@@ -25,58 +26,17 @@ def html(thing: object) -> str:
 
 @html.register
 def solution_html(solution: Solution) -> str:
-    """Return a solution as HTML: its key figures, its arcs, its verdict in words, a figure if
-    matplotlib is there.
-    """
-    found = [
-        ("method", _text(solution.method)),
-        *(("objective", text) for text in solution.headline),
-    ]
-    found.append(("time", f"{solution.initial_time:.12g} to {solution.final_time:.12g}"))
-    found += [
-        ("parameter", f"{_text(name)} = {value:.12g}")
-        for name, value in solution.parameters.items()
-    ]
-    found += [(f"arcs of {_text(name)}", _arcs(row)) for name, row in solution.structure.items()]
-    found.append(("stop", _text(solution.stop.value)))
-    found.append(("verdict", "not judged" if solution.verdict is None else words(solution.verdict)))
-    if solution.iterations:
-        found.append(
-            ("iterations", f"{solution.iterations}, {sum(solution.seconds.values()):.2f} s")
-        )
-    return _framed(solution.problem, "", found) + _figure(solution)
+    """Return a solution as HTML: what its report says, and a figure if matplotlib is there."""
+    said = solution_rows(_problem(solution), solution)
+    return _framed(solution.problem, "", _cells(said)) + _figure(solution)
 
 
 @html.register
 def verdict_html(verdict: Verdict) -> str:
     """Return a verdict as HTML: its answers, then a condition a row."""
-    found = [("verdict", words(verdict))]
-    found += [("against it", _text(reason)) for reason in verdict.reasons]
-    if verdict.extremal:
-        found.append(
-            ("objective", f"within {verdict.objective_error:.1e}: {verdict.digits} digits")
-        )
-    tables = (("Legendre-Clebsch", verdict.legendre_clebsch), ("bang margin", verdict.margins))
-    found += [
-        (label, f"{_text(name)}: {value:.1e}")
-        for label, table in tables
-        for name, value in table.items()
-    ]
-    for t, error in verdict.switch_errors[:_MANY]:
-        known = f"within {error:.1e}" if error < float("inf") else "not determined"
-        found.append(("switch", f"{t:.12g}, {known}"))
-    found += [("note", _text(note)) for note in verdict.notes]
-    head = (
-        f"<tr><th {_CELL}>condition</th><th {_CELL}>residual, at most "
-        f"{EXTREMAL:.0e}</th><th {_CELL}>where</th></tr>"
-    )
-    rows = "".join(
-        f"<tr><td {_CELL}>{_text(each.condition)}</td><td {_CELL}>{each.residual:.1e}"
-        f"{'' if each.holds else ', <b>broken</b>'}</td><td {_CELL}>{_text(each.where)}"
-        f"{'' if each.t is None else f' at t = {each.t:.6g}'}</td></tr>"
-        for each in verdict.findings
-    )
-    return _framed("", "", found) + (f"<table>{head}{rows}</table>" if rows else "")
+    table = "".join(_line("td" if k else "th", row) for k, row in enumerate(conditions(verdict)))
+    said = _framed("", "", _cells(verdict_rows(verdict)))
+    return said + (f"<table>{table}</table>" if table else "")
 
 
 @html.register
@@ -90,41 +50,35 @@ def problem_html(problem: Problem) -> str:
     return _framed(problem.name, problem.title, lines)
 
 
-def words(verdict: Verdict) -> str:
-    """Return in a sentence what a verdict says."""
-    if not verdict.feasible:
-        return f"not feasible: re-integration off by {verdict.miss:.1e}"
-    if not verdict.findings:
-        return (
-            f"feasible: re-integration off by {verdict.miss:.1e}; not held against Pontryagin's "
-            "principle"
-        )
-    rings = f"; {', '.join(map(_text, verdict.rings))} rings" if verdict.rings else ""
-    if verdict.extremal:
-        return (
-            "feasible, and an extremal of Pontryagin's principle: residual "
-            f"{verdict.residual:.1e}{rings}"
-        )
-    return (
-        "feasible, but not an extremal of Pontryagin's principle: "
-        f"{_text(verdict.reasons[0])}{rings}"
-    )
+def _problem(solution: Solution) -> Problem | None:
+    """Return the problem that a solution carries, None where it carries none that can be read."""
+    if solution.statement is None:
+        return None
+    try:
+        return Problem.from_statement(solution.statement)
+    except ProblemError:
+        return None
 
 
-def _arcs(row: Sequence[tuple[str, float, float]]) -> str:
-    if len(row) > _MANY:
-        return f"{len(row)} arcs"
-    names = [
-        f"{_MODES.get(mode, 'boundary' + _text(mode[1:].replace('[', ' ').rstrip(']')))}"
-        for mode, _, _ in row
-    ]
-    ends = [f" <small>until {end:.10g}</small>, " for _, _, end in row[:-1]]
-    return "".join(name + end for name, end in zip(names, [*ends, ""], strict=True))
+def _cells(rows: Iterable[Row]) -> Iterator[Cell]:
+    """Yield a label and HTML for every line of a report."""
+    for row in rows:
+        for line in row.lines:
+            yield row.label, "".join(_coloured(text, tone) for text, tone in line)
+
+
+def _coloured(text: str, tone: Tone) -> str:
+    colour = _COLOURS.get(tone)
+    return f'<span style="color:{colour}">{_text(text)}</span>' if colour else _text(text)
+
+
+def _line(kind: str, cells: Iterable[str]) -> str:
+    inner = "".join(f"<{kind} {_CELL}>{_text(cell)}</{kind}>" for cell in cells)
+    return f"<tr>{inner}</tr>"
 
 
 def _figure(solution: "Solution") -> str:
     """Return a small figure as inline SVG, nothing where matplotlib is not installed."""
-    from socp.errors import MethodError
     from socp.view.figures import draw as figures
 
     try:
@@ -135,13 +89,13 @@ def _figure(solution: "Solution") -> str:
     return f'<div style="max-width:44em;background:white">{svg[svg.index("<svg") :]}</div>'
 
 
-def _framed(name: str, title: str, rows: Iterable[Row]) -> str:
+def _framed(name: str, title: str, rows: Iterable[Cell]) -> str:
     """Return a heading and a table of rows, a label only where it changes."""
     heading = f"<b>{_text(name)}</b> {_text(title)}" if name else ""
     return f"<div>{heading}<table>{''.join(_lines(rows))}</table></div>"
 
 
-def _lines(rows: Iterable[Row]) -> Iterator[str]:
+def _lines(rows: Iterable[Cell]) -> Iterator[str]:
     for label, group in groupby(rows, key=lambda row: row[0]):
         for k, (_, content) in enumerate(group):
             shown = label if k == 0 else ""

@@ -179,7 +179,7 @@ def test_progress_is_one_live_line_on_a_terminal(
 
 
 def test_many_switching_times_are_counted(socp: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("socp.cli.show.MANY", 0)
+    monkeypatch.setattr("socp.view.report.MANY", 0)
     assert "u: 1 switches" in socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=40").out
 
 

@@ -275,7 +275,8 @@ def test_language_page_lists_every_field() -> None:
 
 
 @pytest.mark.parametrize(
-    "module", ["keys", "checks", "ranges", "scene", "symbols", "affinity", "word"]
+    "module",
+    [f"model/{name}" for name in ("keys", "checks", "ranges", "scene", "symbols", "word")],
 )
 def test_language_page_shows_every_refusal(module: str) -> None:
     page = (ROOT / "docs" / "language.md").read_text(encoding="utf-8")

@@ -164,8 +164,9 @@ def test_a_wrong_objective_is_neither_feasible_nor_the_headline(claim: float) ->
     assert second == f"{claim:.12g} claimed by the method"
     assert f"{wrong.reached:.12g}" in wrong._repr_html_()
     told_ = facts(posed(), wrong)
+    assert told_["objective"] is None  # the point is infeasible
     assert told_["objective_reached"] == wrong.reached
-    assert told_["objective"] == claim or np.isnan(claim)
+    assert told_["value"] == claim or np.isnan(claim)
 
 
 def test_a_right_objective_is_told_once() -> None:
@@ -196,8 +197,8 @@ def test_a_cost_that_vanishes_is_not_measured_by_its_rounding() -> None:
 def test_the_report_says_what_the_control_reaches(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Five steps of implicit Euler for growth by e^2 claim (1 / 0.6)^5; the report says first what
-    is reached.
+    """Five steps of implicit Euler for growth by e^2 claim (1 / 0.6)^5; the report says that it is
+    no answer, and what is reached.
     """
     path = tmp_path / "growth.py"
     path.write_text(
@@ -216,15 +217,16 @@ def test_the_report_says_what_the_control_reaches(
         "--out",
         str(tmp_path / "out.json"),
     ]
-    assert main(given) == 0
+    assert main(given) == 1  # the objective is part of what is claimed, and it is not reached
     text = capsys.readouterr().out
     claimed = (1 / 0.6) ** 5
     first = next(
         line for line in text.splitlines() if line.endswith("reached by the control, re-integrated")
     )
-    assert float(first.split()[1]) == pytest.approx(-np.exp(2), rel=1e-6)
-    said = next(line for line in text.splitlines() if line.endswith("claimed by the method"))
-    assert float(said.split()[0]) == pytest.approx(-claimed, rel=1e-6)
+    assert float(first.split()[0]) == pytest.approx(-np.exp(2), rel=1e-6)
+    said = next(line for line in text.splitlines() if line.startswith("objective"))
+    assert said.startswith("objective    none: the point is infeasible (its value ")
+    assert float(said.rstrip(")").split()[-1]) == pytest.approx(-claimed, rel=1e-6)
     assert "not feasible" in text
 
 

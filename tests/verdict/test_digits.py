@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 from socp import Ipopt, Problem, Solution, Word, controls, default_guess, final_time, states
-from socp.cli.commands.checking import within
-from socp.cli.show import agreed
 from socp.laws import probes as points
 from socp.methods.guess import split
 from socp.methods.solving import Follower
@@ -26,6 +24,7 @@ from socp.search.digits import trusted
 from socp.transcription.kinks import kinks
 from socp.transcription.lifting import mapped
 from socp.verdict.certify import judge
+from socp.view.report import agreed, within
 
 REGISTRY = Registry.load()
 BACKEND = Ipopt({"tol": 1e-11})

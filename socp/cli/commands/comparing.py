@@ -17,10 +17,11 @@ from socp.cli.options import shared
 from socp.cli.progress import progress
 from socp.cli.running import made, solved
 from socp.cli.session import Exit, Session, messages, results, show, write_json
-from socp.cli.show import facts, signed, small, switching, times, to_reference, variations, worst
+from socp.cli.show import facts, variations, worst
 from socp.errors import SocpError
 from socp.process import heard, held, one_line
 from socp.registry import Registry, load_problem, reason
+from socp.view import signed, small, switching, times, to_reference
 
 if TYPE_CHECKING:
     from socp.methods import Method

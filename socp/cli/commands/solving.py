@@ -9,7 +9,7 @@ import click
 from socp.cli.commands.recording import live_option, record_option, recording, told
 from socp.cli.keeping import Place, keep
 from socp.cli.options import DEFAULT_METHOD, pairs
-from socp.cli.outcome import outcome
+from socp.cli.outcome import code, outcome
 from socp.cli.progress import progress
 from socp.cli.running import made, solved
 from socp.cli.session import (
@@ -132,7 +132,7 @@ def _ended(session: Session, solution: "Solution", place: Place, *, strict: bool
     if solution.stop.name == "INTERRUPTED":
         session.note(f"interrupted: the last iterate is in {place.path}")
         return Exit.INTERRUPTED
-    return outcome(solution).code(strict=strict)
+    return code(outcome(solution), strict=strict)
 
 
 def _show(problem: "Problem", solution: "Solution", path: Path, *, as_json: bool) -> None:

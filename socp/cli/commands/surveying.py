@@ -22,10 +22,10 @@ from socp.cli.session import (
     writable,
     write_json,
 )
-from socp.cli.show import small, switching, times
 from socp.errors import KeepingError, SolveError
 from socp.process import held
 from socp.registry import Registry, load_problem
+from socp.view import small, switching, times
 
 if TYPE_CHECKING:
     from socp.model import Problem, Solution

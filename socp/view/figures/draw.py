@@ -3,7 +3,7 @@ functions, the scene.
 """
 
 import io
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from socp import errors
 from socp.errors import MethodError
 from socp.model import own, picture
-from socp.view.exports import units
+from socp.view.exports import unit
 from socp.view.figures import style
 from socp.view.figures.arrangement import LEFT, RIGHT, TWO, Panel, TimeAxis, arranged, composed
 from socp.view.figures.panels import Curve, draw_curve, draw_scene
@@ -50,10 +50,10 @@ def draw(
     check(panels)
     matplotlib = errors.load("matplotlib", "plot", "a figure")
     with matplotlib.rc_context(style.SETTINGS):
-        along, known = sampled(problem, solution, _POINTS), _units(problem)
-        axis = TimeAxis.of(solution, known.get("time", ""), stretch=stretch)
+        along = sampled(problem, solution, _POINTS)
+        axis = TimeAxis.of(solution, _unit(problem, "time"), stretch=stretch)
         curves = {
-            name: list(_curves(name, solution, problem, along, known))
+            name: list(_curves(name, solution, problem, along))
             for name in panels
             if name != "scene"
         }
@@ -110,7 +110,6 @@ def _curves(
     solution: "Solution",
     problem: "Problem | None",
     along: Traces,
-    known: Mapping[str, str],
 ) -> Iterator[Curve]:
     """Yield the panels of one kind that have anything to show."""
     rows = _rows(name, solution, along)
@@ -121,7 +120,7 @@ def _curves(
         arcs = solution.structure.get(owner, ()) if name in {"controls", "switching"} else ()
         yield Curve(
             label=label,
-            unit=known.get(owner, "") if name in {"controls", "states"} else "",
+            unit=_unit(problem, owner) if name in {"controls", "states"} else "",
             t=along.t,
             values=values,
             bounds=box.get(owner, (-np.inf, np.inf)),
@@ -151,8 +150,8 @@ def _rows(name: str, solution: "Solution", along: Traces) -> dict[tuple[str, str
     }
 
 
-def _units(problem: "Problem | None") -> dict[str, str]:
-    return {name: style.plain(unit) for name, unit in units(problem).items()}
+def _unit(problem: "Problem | None", name: str) -> str:
+    return style.plain(unit(problem, name))
 
 
 def _bounds(name: str, problem: "Problem | None") -> dict[str, tuple[float, float]]:
@@ -178,11 +177,11 @@ def _scene(
     solution: "Solution", problem: "Problem", along: Traces, width: float
 ) -> tuple[Panel, bool]:
     """Return the panel of the scene, and whether it goes across the page."""
-    known, seen = _units(problem), picture(problem, solution, along.t)
+    seen = picture(problem, solution, along.t)
     plane = [str(each) for each in own(problem).plane]
     pairs = zip(plane, seen.labels, strict=True)
     labels = [
-        style.label(style.symbol(p), known.get(p, ""))
+        style.label(style.symbol(p), _unit(problem, p))
         if p in (*solution.state_names, "t")
         else text
         for p, text in pairs

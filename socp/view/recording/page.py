@@ -93,11 +93,11 @@ def _solution(
     )
     lanes = Panel(kind="lanes", name="Arcs", contents=_at(roots, "/arcs/**"))
     controls = [
-        _curves(f"Control {_unit(problem, n)}", _at(roots, f"/controls/{n}/**"))
+        _curves(f"Control {problem.labelled(n)}", _at(roots, f"/controls/{n}/**"))
         for n in problem.control_names
     ]
     states = [
-        _curves(f"State {_unit(problem, n)}", _at(roots, f"/states/{n}/**"))
+        _curves(f"State {problem.labelled(n)}", _at(roots, f"/states/{n}/**"))
         for n in problem.state_names
     ]
     adjoint = [
@@ -172,11 +172,6 @@ def _pile(panels: list[Panel]) -> Group:
     if len(panels) > _SEPARATE:
         return Group(kind="grid", parts=tuple(panels), columns=2)
     return Group(kind="column", parts=tuple(panels))
-
-
-def _unit(problem: Problem, name: str) -> str:
-    units = {symbol.name(): unit for symbol, unit in problem.units.items()}
-    return f"{name} ({units[name]})" if units.get(name) else name
 
 
 def _fitted(group: Group, items: Sequence[Item]) -> Group:

@@ -1,0 +1,347 @@
+"""What is said of a solution and of its verdict, as plain values: rows of a label and its lines.
+
+The terminal, notebooks and recordings render these rows and add nothing to their wording.
+"""
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, final
+
+from socp.errors import MethodError
+from socp.model import EXTREMAL, FEASIBLE, Feasibility, Problem, Solution, Verdict, Word, digits_of
+from socp.view.outcomes import Outcome, infeasible, outcome_of
+
+MANY = 8  # more switching times of one control than this are counted, not listed
+_TOLD = 4  # reasons told in the report of a solution; that of its verdict tells them all
+_NOTHING = 1e-12  # share of the horizon below which an initial time is 0
+_SHORT = 1e-9  # share of a fixed final time: as printed, with some digits to spare
+
+
+class Tone(Enum):
+    """How a piece of text is meant, which a renderer may show by its colour."""
+
+    PLAIN = "plain"
+    GOOD = "good"
+    BAD = "bad"
+    NOTE = "note"
+
+
+Line = tuple[tuple[str, Tone], ...]  # pieces of text, each with its tone
+
+
+@final
+@dataclass(frozen=True)
+class Row:
+    """A fact: its label, and the lines that tell it."""
+
+    label: str
+    lines: tuple[Line, ...]
+
+    @property
+    def texts(self) -> list[str]:
+        """The lines as text alone."""
+        return ["".join(text for text, _ in line) for line in self.lines]
+
+
+def solution_rows(
+    problem: Problem | None,
+    solution: Solution,
+    unjudged: Outcome | None = None,
+    path: str = "",
+) -> list[Row]:
+    """Return all that is said of a solution, with the path of its result where there is one.
+
+    Without its problem nothing is said of a reference, nor of a final time that is not reached.
+    `unjudged` is what a solution without a verdict came to, where that is known.
+    """
+    rows = [_method(solution), _came_to(outcome_of(solution) or unjudged)]
+    rows += _point(problem, solution)
+    rows += [_row("digits", agreed(solution)), _stop(solution)]
+    rows.append(Row("feasibility", tuple(_reintegrated(each) for each in solution.verified)))
+    if solution.verdict is not None:
+        rows.append(Row("verdict", tuple(_judged(solution.verdict, _TOLD))))
+    if problem is not None and not infeasible(solution):
+        rows.append(_row("reference", _reference(to_reference(problem, solution))))
+    rows.append(_row("iterations", [str(solution.iterations)]))
+    parts = " + ".join(f"{name} {value:.2f}" for name, value in solution.seconds.items())
+    rows.append(_row("seconds", [f"{sum(solution.seconds.values()):.2f} ({parts})"]))
+    rows.append(_row("result", [path] if path else []))
+    return [row for row in rows if row.lines]
+
+
+def verdict_rows(verdict: Verdict) -> list[Row]:
+    """Return all that is said of a verdict but for its conditions, which are a table of their
+    own.
+    """
+    left = verdict.distance
+    least = [] if left is None else [f"no multipliers leave less than {left:.1e} at worst"]
+    rows = [
+        Row("verdict", tuple(_judged(verdict, len(verdict.reasons)))),
+        _row("distance", least),
+        _row("Legendre-Clebsch", (f"{k}: {v:.1e}" for k, v in verdict.legendre_clebsch.items())),
+        _row("bang margins", (f"{k}: {v:.1e}" for k, v in verdict.margins.items())),
+        _row("normality", [f"{verdict.normality:.1e}"]),
+        _row(
+            "variation",
+            (f"{k}: {v:.3g} times that of its mean" for k, v in verdict.ringing.items()),
+        ),
+        _row("switches", (f"{t:.12g}, {within(error)}" for t, error in verdict.switch_errors)),
+    ]
+    return [row for row in rows if row.lines]
+
+
+def conditions(verdict: Verdict) -> list[tuple[str, str, str]]:
+    """Return the conditions of the principle as a table: heads, then a condition a row; none where
+    the verdict has none.
+    """
+    rows = [
+        (
+            each.condition,
+            f"{each.residual:.1e}{'' if each.holds else ', broken'}",
+            each.where + ("" if each.t is None else f" at t = {each.t:.6g}"),
+        )
+        for each in verdict.findings
+    ]
+    return [("condition", f"residual, at most {EXTREMAL:.0e}", "where"), *rows] if rows else []
+
+
+def judgement(verdict: Verdict | None) -> str:
+    """Return a verdict in a word or two."""
+    if verdict is None:
+        return "not judged"
+    if not verdict.feasible:
+        return "not feasible"
+    return "extremal" if verdict.extremal else "feasible, not extremal"
+
+
+def switching(solution: Solution) -> dict[str, list[float]]:
+    """Return the switching times of every control by name."""
+    return {name: [end for _, _, end in row[:-1]] for name, row in solution.structure.items()}
+
+
+def times(values: Sequence[float], digits: int = 12) -> str:
+    """Return switching times as text, or their number where there are many."""
+    if len(values) > MANY:
+        return f"{len(values)} switches"
+    return "  ".join(f"{value:.{digits}g}" for value in values) or "none"
+
+
+def small(value: float) -> str:
+    """Return a violation or an error in two digits."""
+    return "0" if value == 0 else f"{value:.1e}"
+
+
+def signed(value: float) -> str:
+    """Return an error with its sign in two digits."""
+    return "0" if value == 0 else f"{value:+.1e}"
+
+
+def within(error: float) -> str:
+    """Return the error of a switching time as text; an infinite one belongs to a time that is not
+    determined.
+    """
+    return f"within {error:.1e}" if math.isfinite(error) else "not determined"
+
+
+def to_reference(problem: Problem, solution: Solution) -> dict[str, Any] | None:
+    """Return the errors to the reference of a problem, None where it has none.
+
+    The error of the switching times is the largest, None where there are more or fewer than in the
+    reference.
+    """
+    reference = problem.reference
+    if reference is None:
+        return None
+    pairs = list(zip(reference.switches, solution.switches, strict=False))
+    comparable = pairs and len(reference.switches) == len(solution.switches)
+    return {
+        "objective": reference.objective,
+        "error": solution.objective - reference.objective,
+        "switches": max(abs(a - b) for a, b in pairs) if comparable else None,
+        "word": _same_word(problem, solution),
+        "tolerance": reference.tolerance,
+        "source": reference.source,
+    }
+
+
+def agreed(solution: Solution) -> list[str]:
+    """Return the digits on which two computations of a solution agree, nothing where there was one
+    alone.
+
+    No digit is counted, and no switching time said to be known, beyond what the errors of the
+    verdict leave.
+    """
+    found, verdict = solution.agreement, solution.verdict
+    if found is None:
+        return []
+    left, errors = found.digits, [found.switches]
+    if verdict is not None and verdict.extremal:
+        left = digits_of(verdict.remaining_error, solution.objective, left)
+        errors += [error for _, error in verdict.switch_errors]
+    places = _places(errors) if solution.switches else ""
+    return [f"{left} of the objective: two computations differ by {small(found.objective)}{places}"]
+
+
+def _places(errors: list[float]) -> str:
+    """Return how well switching times are known, those apart that are not determined."""
+    known = [error for error in errors if math.isfinite(error)]
+    told = len(known) > 1 or len(errors) == 1
+    text = f", switching times within {small(max(known))}" if told else ""
+    count = len(errors) - len(known)
+    return text + (
+        f", {count} of {len(errors) - 1} switching times not determined" if count else ""
+    )
+
+
+def _row(label: str, texts: Iterable[str]) -> Row:
+    return Row(label, tuple(_line(text) for text in texts))
+
+
+def _line(text: str, tone: Tone = Tone.PLAIN) -> Line:
+    return ((text, tone),)
+
+
+def _method(solution: Solution) -> Row:
+    given = ", ".join(f"{key}={value}" for key, value in solution.options.items() if value != "")
+    return _row("method", [f"{solution.method} ({given})" if given else solution.method])
+
+
+def _came_to(outcome: Outcome | None) -> Row:
+    if outcome is None:
+        return Row("outcome", (_line(judgement(None), Tone.NOTE),))
+    return Row("outcome", (_line(outcome.value, Tone.GOOD if outcome.answer else Tone.BAD),))
+
+
+def _point(problem: Problem | None, solution: Solution) -> Iterator[Row]:
+    """Yield what a solution is: its objective, times and word."""
+    start = _initial_time(solution)
+    yield _row("objective", _objective(solution))
+    yield _row("initial time", [f"{start:.12g}"] if start else [])
+    yield _row("final time", [_final_time(problem, solution)])
+    for name, value in solution.parameters.items():
+        yield _row("parameter", [f"{name} = {value:.12g}"])
+    if infeasible(solution):
+        yield _row("word", ["none: the point is infeasible"])
+        return
+    yield _row("word", (f"{name}: {_modes(row)}" for name, row in solution.structure.items()))
+    yield _row("switches", (f"{name}: {times(each)}" for name, each in switching(solution).items()))
+
+
+def _objective(solution: Solution) -> tuple[str, ...]:
+    """Return the objective, what the control reaches too where it differs; that of an infeasible
+    point is none.
+    """
+    if not infeasible(solution):
+        return solution.headline
+    own = f"{solution.objective:.12g}"
+    none = "none: the point is infeasible" + ("" if own == "nan" else f" (its value {own})")
+    return (none, solution.headline[0]) if len(solution.headline) > 1 else (none,)
+
+
+def _initial_time(solution: Solution) -> float:
+    """Return the initial time, 0 where it is rounding."""
+    t0, horizon = solution.initial_time, abs(solution.final_time - solution.initial_time)
+    return 0.0 if abs(t0) <= _NOTHING * horizon else t0
+
+
+def _final_time(problem: Problem | None, solution: Solution) -> str:
+    """Return the final time; one that is fixed is that of the problem, whatever was reached."""
+    reached = solution.final_time
+    if not infeasible(solution):
+        return f"{reached:.12g}"
+    low, high = (-math.inf, math.inf) if problem is None else problem.final_time_box
+    if low == high:
+        missed = abs(reached - low) > _SHORT * max(abs(low), 1.0)
+        return f"{low:.12g}" + (
+            f" (not reached: the point ends at {reached:.6g})" if missed else ""
+        )
+    return f"none: the point is infeasible (its value {reached:.12g})"
+
+
+def _modes(row: Iterable[tuple[str, float, float]]) -> str:
+    modes = [mode for mode, _, _ in row]
+    if len(modes) > MANY + 1:
+        return f"{' '.join(modes[:4])} ... {' '.join(modes[-2:])} ({len(modes)} arcs)"
+    return " ".join(modes)
+
+
+def _stop(solution: Solution) -> Row:
+    stop = _line(solution.stop.value, Tone.GOOD if solution.stop.ok else Tone.BAD)
+    return Row("stop", (stop, _line(solution.message)) if solution.message else (stop,))
+
+
+def _reintegrated(found: Feasibility) -> Line:
+    """Return what one re-integration found; every figure is relative to the problem's own
+    magnitudes.
+    """
+    how = "laws as feedback" if found.feedback else "control over time"
+    if found.error:
+        return ((f"{how}: ", Tone.PLAIN), (found.error, Tone.BAD))
+    parts = [f"end missed by {small(found.miss)}" + (f" at {found.miss_at}" if found.miss else "")]
+    if found.path_at:
+        parts.append(
+            f"path violated by {small(found.path)}" + (f" at {found.path_at}" if found.path else "")
+        )
+    if found.box:
+        parts.append(f"box violated by {small(found.box)}")
+    parts.append(f"states off by {small(found.drift)}")
+    if found.gap > EXTREMAL:
+        parts.append(f"objective {found.objective:.6g}")
+    return _line(f"{how}: {', '.join(parts)}")
+
+
+def _judged(verdict: Verdict, told: int) -> Iterator[Line]:
+    """Yield a verdict in a few lines, with so many of its reasons."""
+    margin = f"re-integration off by {verdict.miss:.1e} (allowed {FEASIBLE:.0e})"
+    yield _answer(verdict.feasible, "feasible", margin)
+    if verdict.findings:
+        margin = f"residual {verdict.residual:.1e} (allowed {EXTREMAL:.0e})"
+        yield _answer(verdict.extremal, "extremal", margin)
+    yield from (_line(f"  {reason}", Tone.BAD) for reason in verdict.reasons[:told])
+    if len(verdict.reasons) > told:
+        yield _line(f"  and {len(verdict.reasons) - told} more reasons; see socp check")
+    if verdict.extremal:
+        yield _line(f"objective within {verdict.objective_error:.1e}: {verdict.digits} digits")
+    if verdict.rings:
+        ratios = (
+            f"{name} varies {verdict.ringing[name]:.3g} times as much as its mean"
+            for name in verdict.rings
+        )
+        yield _line(f"ringing: {', '.join(ratios)}", Tone.NOTE)
+    yield from (_line(note, Tone.NOTE) for note in verdict.notes)
+
+
+def _answer(holds: bool, what: str, margin: str) -> Line:
+    answer = (what, Tone.GOOD) if holds else (f"not {what}", Tone.BAD)
+    return (answer, (f": {margin}", Tone.PLAIN))
+
+
+def _same_word(problem: Problem, solution: Solution) -> bool | None:
+    """Tell whether a solution has the word of the reference, None where that has no word."""
+    if problem.reference is None or not problem.reference.word:
+        return None
+    try:
+        word = Word.parse(problem.reference.word, problem.control_names)
+    except MethodError:
+        return None
+    found = {
+        name: " ".join(mode.partition("[")[0] for mode, _, _ in row)
+        for name, row in solution.structure.items()
+    }
+    return all(
+        found.get(name) == re.sub(r"\[[^]]*\]", "", word.of(name)) for name in problem.control_names
+    )
+
+
+def _reference(found: dict[str, Any] | None) -> list[str]:
+    if found is None:
+        return []
+    parts = [f"objective {signed(found['error'])} from {found['objective']:.12g}"]
+    if found["switches"] is not None:
+        parts.append(f"switching times within {small(found['switches'])}")
+    if found["word"] is not None:
+        parts.append("the same word" if found["word"] else "another word")
+    return [", ".join(parts)]

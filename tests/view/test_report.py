@@ -1,0 +1,231 @@
+"""A report is written once: terminal, notebook and recording tell the same facts of a solution."""
+
+import html
+import io
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from socp import Problem, Solution, default_guess, run
+from socp import final_time as end
+from socp import time as now
+from socp.cli.consoles import console
+from socp.cli.outcome import code, outcome
+from socp.cli.session import Exit
+from socp.cli.show import facts, report
+from socp.model import Agreement, Stop, Verdict
+from socp.registry import Registry
+from socp.view import Outcome, outcome_of, solution_rows, verdict_rows
+from socp.view.recording.summary import summary
+
+STEERING = "\x1b]0;pwn\x07 [red]a[/red] <script>b</script> *c* | d & e"
+PATH = "found.socp.json"
+
+
+def on_terminal(problem: Problem, solution: Solution) -> str:
+    file = io.StringIO()
+    console(file, 1000).print(report(problem, solution, PATH))
+    return file.getvalue()
+
+
+def in_notebook(_: Problem, solution: Solution) -> str:
+    text = re.sub(r"<svg.*</svg>", "", solution._repr_html_(), flags=re.DOTALL)
+    return html.unescape(re.sub(r"<[^>]*>", " ", text.replace("</span>", "")))
+
+
+def in_recording(problem: Problem, solution: Solution) -> str:
+    return re.sub(r"\\([\\`*_\[\]<>|&~$#])", r"\1", summary(problem, solution))
+
+
+RENDERED = (on_terminal, in_notebook, in_recording)
+
+
+@pytest.fixture(scope="module")
+def problem(registry: Registry) -> Problem:
+    return registry.problem("jacobson_1")
+
+
+@pytest.fixture(scope="module")
+def rough(problem: Problem, registry: Registry) -> Solution:
+    """Return a solution on a grid too rough for its objective to be reached: not feasible."""
+    return run(registry.method("euler-ipopt")(steps=20), problem, default_guess(problem))
+
+
+@pytest.fixture(scope="module")
+def exact(problem: Problem, registry: Registry) -> Solution:
+    assert problem.reference is not None
+    method = registry.method("lgr-multiphase")(word=problem.reference.word)
+    found = run(method, problem, default_guess(problem))
+    return replace(found, agreement=Agreement(objective=1e-9, switches=1e-7))
+
+
+def kept(solution: Solution) -> Solution:
+    return solution
+
+
+def ringing(solution: Solution) -> Solution:
+    arcs = tuple(("+-"[k % 2], k / 20, (k + 1) / 20) for k in range(20))
+    return replace(solution, structure={"u": arcs}, parameters={"mass": 1 / 3})
+
+
+def overclaimed(solution: Solution) -> Solution:
+    """Return a solution that claims more than its control reaches, within what is feasible."""
+    (found, *others) = solution.verified
+    return replace(solution, verified=(replace(found, gap=1e-3), *others))
+
+
+def stopped(solution: Solution) -> Solution:
+    return replace(solution, stop=Stop.LIMIT, message="a message of the solver")
+
+
+@pytest.mark.parametrize("changed", [kept, ringing, overclaimed, stopped])
+@pytest.mark.parametrize("which", ["rough", "exact"])
+def test_the_three_renderers_tell_the_same_facts(
+    which: str,
+    changed: Callable[[Solution], Solution],
+    problem: Problem,
+    request: pytest.FixtureRequest,
+) -> None:
+    solution = changed(request.getfixturevalue(which))
+    rows = solution_rows(problem, solution)
+    labels = {row.label for row in rows}
+    assert {"method", "outcome", "objective", "word", "verdict", "feasibility"} <= labels
+    assert ("digits" in labels) == (which == "exact")
+    for render in RENDERED:
+        shown = re.sub(r"\s+", " ", render(problem, solution))
+        for row in rows:
+            assert row.label in shown
+            for text in row.texts:
+                assert re.sub(r"\s+", " ", text.strip()) in shown, (render, row.label)
+
+
+def test_an_infeasible_point_has_no_objective_no_word_and_no_reference(
+    problem: Problem, rough: Solution
+) -> None:
+    told = {row.label: row.texts for row in solution_rows(problem, rough)}
+    own, reached = told["objective"]
+    assert own == f"none: the point is infeasible (its value {rough.objective:.12g})"
+    assert reached == f"{rough.reached:.12g} reached by the control, re-integrated"
+    assert told["word"] == ["none: the point is infeasible"]
+    assert not {"switches", "reference"} & set(told)
+    assert told["outcome"] == [Outcome.MISSED.value]
+    assert facts(problem, rough)["objective"] is None
+
+
+def test_what_is_reached_is_told_before_what_is_claimed(problem: Problem, exact: Solution) -> None:
+    told = {row.label: row.texts for row in solution_rows(problem, overclaimed(exact))}
+    assert [line.split(" ", 1)[1] for line in told["objective"]] == [
+        "reached by the control, re-integrated",
+        "claimed by the method",
+    ]
+
+
+def test_the_path_stands_where_there_is_a_result(problem: Problem, exact: Solution) -> None:
+    assert solution_rows(problem, exact, path=PATH)[-1].texts == [PATH]
+    assert "result" not in {row.label for row in solution_rows(problem, exact)}
+
+
+@pytest.mark.parametrize(
+    ("change", "came_to", "exit_code", "strict"),
+    [
+        ({}, Outcome.EXTREMAL, Exit.SOLVED, Exit.SOLVED),
+        ({"verdict": Verdict(miss=1e-4)}, Outcome.FEASIBLE, Exit.SOLVED, Exit.UNSOLVED),
+        ({"verdict": Verdict(miss=0.5)}, Outcome.MISSED, Exit.UNSOLVED, Exit.UNSOLVED),
+        (
+            {"verdict": Verdict(miss=0.5), "stop": Stop.LIMIT},
+            Outcome.LIMIT,
+            Exit.UNSOLVED,
+            Exit.UNSOLVED,
+        ),
+        (
+            {"verdict": Verdict(miss=0.5), "stop": Stop.INFEASIBLE},
+            Outcome.INFEASIBLE,
+            Exit.UNSOLVED,
+            Exit.UNSOLVED,
+        ),
+        (
+            {"verdict": Verdict(miss=0.5), "stop": Stop.FAILED},
+            Outcome.FAILED,
+            Exit.UNSOLVED,
+            Exit.UNSOLVED,
+        ),
+        ({"stop": Stop.INTERRUPTED}, Outcome.INTERRUPTED, Exit.INTERRUPTED, Exit.INTERRUPTED),
+    ],
+)
+def test_outcomes_and_their_exit_codes(
+    exact: Solution, change: dict[str, object], came_to: Outcome, exit_code: Exit, strict: Exit
+) -> None:
+    solution = replace(exact, **change)
+    assert outcome_of(solution) is outcome(solution) is came_to
+    assert (code(came_to), code(came_to, strict=True)) == (exit_code, strict)
+
+
+def test_a_solution_that_nobody_judged_is_interrupted_for_a_command_alone(
+    problem: Problem, exact: Solution
+) -> None:
+    bare = replace(exact, verdict=None, verified=())
+    assert outcome_of(bare) is None
+    assert Outcome.INTERRUPTED.value in on_terminal(problem, bare)
+    for render in (in_notebook, in_recording):
+        assert "not judged" in render(problem, bare)
+        assert "interrupted" not in render(problem, bare)
+
+
+def test_a_solution_without_its_problem_is_shown_all_the_same(
+    problem: Problem, exact: Solution, rough: Solution
+) -> None:
+    for statement in (None, {"format": "of another time"}):
+        text = in_notebook(problem, replace(exact, statement=statement))
+        assert f"{exact.objective:.12g}" in text
+        assert "reference" not in text
+    told = {row.label: row.texts for row in solution_rows(None, rough)}
+    assert told["final time"] == ["none: the point is infeasible (its value 5)"]
+
+
+def test_no_text_steers_a_renderer(problem: Problem, exact: Solution) -> None:
+    assert exact.verdict is not None
+    solution = replace(
+        exact,
+        message=STEERING,
+        structure={STEERING: (("+", 0.0, 1.0),)},
+        parameters={STEERING: 1.0},
+        verdict=replace(exact.verdict, notes=(STEERING,), ringing={STEERING: 9.0}),
+    )
+    shown = on_terminal(problem, solution)
+    assert (
+        shown.count(STEERING.replace("\x1b", r"\x1b").replace("\x07", "")) == 6
+    )  # rich drops bells
+    page = solution._repr_html_()
+    assert "&lt;script&gt;b&lt;/script&gt;" in page
+    assert "<script" not in page
+    text = summary(problem, solution)
+    assert r"\*c\* \| d \& e" in text
+    assert not re.search(r"(?<!\\)<script", text)
+    for each in (shown, page, text):
+        assert not re.search("[\x07\x1b]", each)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "said"),
+    [
+        (Verdict(miss=0.5), ["not feasible: re-integration off by 5.0e-01 (allowed 1e-02)"]),
+        (Verdict(miss=1e-9), ["feasible: re-integration off by 1.0e-09 (allowed 1e-02)"]),
+    ],
+)
+def test_a_verdict_says_how_far_off(verdict: Verdict, said: list[str]) -> None:
+    assert verdict_rows(verdict)[0].texts[: len(said)] == said
+
+
+# -- units
+
+
+@pytest.mark.parametrize("given", [now, end])
+def test_a_unit_is_found_by_name(given: object, problem: Problem) -> None:
+    (first, *_) = problem.dynamics
+    posed = replace(problem, units={first: "m", given: "s"})
+    assert posed.unit(first.name()) == "m"
+    assert posed.labelled(first.name()) == f"{first.name()} (m)"
+    assert {posed.unit(name) for name in ("time", "t", "tf")} == {"s"}
+    assert (posed.unit("u"), posed.labelled("u")) == ("", "u")
