@@ -30,7 +30,9 @@ def test_every_plugin_loads_and_every_problem_imports(registry: Registry) -> Non
 def test_every_file_of_plugins_and_problems_is_registered() -> None:
     for room, group in (("plugins", "socp.plugins"), ("problems", "socp.problems")):
         targets = {point.value.partition(":")[0] for point in metadata.entry_points(group=group)}
-        assert {f"socp_{room}.{path.stem}" for path in (ROOT / room).glob("[!_]*.py")} <= targets
+        folders = [front.parent for front in (ROOT / room).glob("*/__init__.py")]
+        paths = [*(ROOT / room).glob("[!_]*.py"), *folders]
+        assert {f"socp_{room}.{path.stem}" for path in paths} <= targets
 
 
 def test_the_command_is_installed() -> None:
