@@ -1,6 +1,4 @@
-"""The underwater vehicle exactly as printed: no lower bound on the speed, and driving backwards is
-faster.
-"""
+"""The underwater vehicle as printed: no lower bound on the speed; driving backwards is faster."""
 
 from math import pi, sqrt
 
@@ -14,12 +12,7 @@ r, f = controls("r f")  # turn rate, thrust
 problem = Problem(
     name="auv_reverse",
     minimise=final_time,
-    dynamics={
-        x: u * cos(phi) + 0.8 * tanh(y),
-        y: u * sin(phi),
-        phi: r,
-        u: f - u * fabs(u),
-    },
+    dynamics={x: u * cos(phi) + 0.8 * tanh(y), y: u * sin(phi), phi: r, u: f - u * fabs(u)},
     bounds={r: (-pi, pi), f: (-5, 5), u: (None, 2)},
     start={x: 40, y: -2, phi: pi, u: 0},
     end={phi: pi, u: 0},

@@ -1,6 +1,4 @@
-"""Move a robot arm between two positions at rest in minimum time: three controls, no singular
-arc.
-"""
+"""Move a robot arm from rest to rest in minimum time: three controls, no singular arc."""
 
 from math import pi
 

@@ -13,6 +13,7 @@ from .output import restore as restore
 from .text import a as a
 from .text import close as close
 from .text import file_stem as file_stem
+from .text import first_paragraph as first_paragraph
 from .text import markdown as markdown
 from .text import markdown_code as markdown_code
 from .text import one_line as one_line

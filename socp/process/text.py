@@ -129,6 +129,11 @@ def short(text: str, most: int = _LONG) -> str:
     return f"{line[: most - tail]} ... {line[-tail:]} ({len(line)} characters)"
 
 
+def first_paragraph(doc: str | None) -> str:
+    """Return the first paragraph of a docstring on one line, empty where there is none."""
+    return " ".join(re.split(r"\n\s*\n", (doc or "").strip(), maxsplit=1)[0].split())
+
+
 def a(thing: Any) -> str:
     """Return the type of a thing with its article, such as `an int`."""
     kind = type(thing).__name__

@@ -12,3 +12,5 @@ from .loading import load_problem as load_problem
 from .plugins import PluginError as PluginError
 from .plugins import Registry as Registry
 from .recorder import Guarded as Guarded
+from .viewer import Screen as Screen
+from .viewer import Viewer as Viewer

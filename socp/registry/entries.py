@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, final
 import pluggy
 
 from socp.errors import SocpError
-from socp.process import said, short
+from socp.process import first_paragraph, said, short
 
 if TYPE_CHECKING:
     from socp.methods import Method
@@ -66,10 +66,10 @@ class Entry:
 
     @property
     def about(self) -> str:
-        """First line of the module's docstring, read without importing it."""
+        """First paragraph of the module's docstring, read without importing it."""
         try:
             source = Path(origin(self.target)).read_text(encoding="utf-8")
-            return (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0].strip()
+            return first_paragraph(ast.get_docstring(ast.parse(source)))
         except (OSError, ValueError, SyntaxError):
             return ""
 
@@ -146,9 +146,20 @@ def reason(error: BaseException) -> str:
 def explain(error: BaseException, file: str) -> str:
     """Return one line on an exception: its kind, its text and, where it passed through the file,
     the line.
+
+    A package is known by its `__init__.py`: there the last of all its files that it passed through
+    counts.
     """
-    line = line_of(error, file)
-    return reason(error) + (f" ({Path(file).name}, line {line})" if line else "")
+    passed, name = file, Path(file).name
+    if name == "__init__.py":
+        folder = Path(file).parent
+        frames = [frame.filename for frame in traceback.extract_tb(error.__traceback__)]
+        frames += [error.filename or ""] if isinstance(error, SyntaxError) else []
+        passed = next((each for each in reversed(frames) if folder in Path(each).parents), file)
+        if passed != file:
+            name = str(Path(passed).relative_to(folder.parent))
+    line = line_of(error, passed)
+    return reason(error) + (f" ({name}, line {line})" if line else "")
 
 
 def refusal(method: Any, methods: Mapping[str, "type[Method]"]) -> str:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from socp.methods import Method
     from socp.model import Problem, Solution
     from socp.registry.recorder import Recorder
+    from socp.registry.viewer import Viewer
 
 hookspec = pluggy.HookspecMarker("socp")
 hookimpl = pluggy.HookimplMarker("socp")
@@ -41,4 +42,13 @@ def socp_recorder(
     It writes to the file `path`, to the viewer at the address `live`, or to both; None and "" mean
     neither. The first plugin that returns one is asked. What it raises, then or later, is reported,
     ends the recording and fails nothing.
+    """
+
+
+@hookspec(firstresult=True)
+def socp_viewer() -> "Viewer | None":
+    """Return a viewer of recordings, for `socp view` and `--live`.
+
+    The first plugin that returns one is asked. What it raises is reported: `socp view` ends there,
+    a solve goes on unseen.
     """

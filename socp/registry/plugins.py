@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self, final
 
 import pluggy
 
-from socp.errors import MethodError, ProblemError, SocpError
+from socp.errors import MethodError, ProblemError, SocpError, SolveError
 from socp.process import short
 from socp.registry import hooks as hookspecs
 from socp.registry.calls import called
@@ -36,9 +36,10 @@ if TYPE_CHECKING:
     from socp.methods import Method
     from socp.model import Problem, Solution
     from socp.registry.recorder import Guarded
+    from socp.registry.viewer import Screen
 
 VARIABLE = "SOCP_PLUGINS"
-LISTENERS = ("socp_solved", "socp_recorder")
+LISTENERS = ("socp_solved", "socp_recorder", "socp_viewer")
 HOOKS = ("socp_methods", *LISTENERS)
 _MOST = 1000  # methods of one plugin: what offers more never ends
 
@@ -134,7 +135,9 @@ class Registry:
                 raise kind(
                     f"method '{name}': plugin '{plugin.name}' is {plugin.status}: {plugin.reason}"
                 )
-        raise MethodError(f"unknown method '{short(name)}'{suggest(name, self.methods)}")
+        left = [plugin.name for plugin in self.plugins if plugin.status in {"off", "failed"}]
+        hint = f"; plugins that are not loaded: {', '.join(left)}" if left else ""
+        raise MethodError(f"unknown method '{short(name)}'{suggest(name, self.methods)}{hint}")
 
     def problem(self, name: str) -> "Problem":
         """Import and return a registered problem; ProblemError says what is wrong with it, or which
@@ -182,7 +185,7 @@ class Registry:
 
         complaints = []
         for plugin, call in self._calls("socp_recorder"):
-            explained = partial(_explained, plugin)
+            explained = partial(_explained, plugin, "not recorded")
             try:
                 answers = called(call, problem=problem, path=path, live=live, runs=runs)
             except Exception as error:  # noqa: BLE001 - a recorder's fault is not the solve's
@@ -194,6 +197,29 @@ class Registry:
             return Guarded(None, complaints=complaints)
         raise MethodError("--record, --live: no plugin records; see 'socp plugins list'")
 
+    def viewer(self) -> "Screen":
+        """Return the first viewer that a plugin offers, guarded: it raises SolveError alone.
+
+        MethodError says so where no plugin offers one, SolveError why those that do cannot.
+        """
+        from socp.registry.viewer import Screen
+
+        complaints = []
+        for plugin, call in self._calls("socp_viewer"):
+            explained = partial(_explained, plugin, "not shown")
+            try:
+                found = called(call)
+            except Exception as error:  # noqa: BLE001 - the next plugin may have one
+                complaints.append(explained(error))
+                continue
+            if found is not None:
+                return Screen(found, explained)
+        if complaints:
+            raise SolveError("; ".join(complaints))
+        raise MethodError(
+            "no plugin offers a viewer, which 'socp view' and --live need; see 'socp plugins list'"
+        )
+
     def _calls(self, hook: str) -> Iterator[tuple[Plugin, Any]]:
         """Yield every plugin that implements a hook, with a caller for it alone."""
         everyone = self.manager.get_plugins()
@@ -203,10 +229,10 @@ class Registry:
                 yield plugin, self.manager.subset_hook_caller(hook, everyone - {listener})
 
 
-def _explained(plugin: Plugin, error: BaseException) -> str:
+def _explained(plugin: Plugin, outcome: str, error: BaseException) -> str:
     if isinstance(error, SocpError):  # it says all there is to say
         return f"{plugin.who}: {error}"
-    return f"{plugin.who}: not recorded: {explain(error, origin(plugin.target))}"
+    return f"{plugin.who}: {outcome}: {explain(error, origin(plugin.target))}"
 
 
 def as_problem(found: Any, where: str) -> "Problem":

@@ -1,4 +1,5 @@
 from .attempt import Coarse as Coarse
+from .bounded import BoundedSearch as BoundedSearch
 from .branching import Branching as Branching
 from .branching import Child as Child
 from .candidate import Candidate as Candidate

@@ -13,9 +13,15 @@ from .recording.contents import Run as Run
 from .recording.contents import items as items
 from .recording.contents import log10 as log10
 from .recording.items import PALETTE as PALETTE
+from .recording.items import Bars as Bars
+from .recording.items import Drawing as Drawing
+from .recording.items import Group as Group
 from .recording.items import Item as Item
+from .recording.items import Lane as Lane
 from .recording.items import Note as Note
+from .recording.items import Panel as Panel
 from .recording.items import Plane as Plane
+from .recording.items import Series as Series
 from .recording.page import HELP as HELP
 from .recording.page import layout as layout
 from .recording.page import streaming as streaming
@@ -23,8 +29,6 @@ from .recording.plane import ground as ground
 from .recording.plane import scale as scale
 from .recording.plane import together as together
 from .recording.summary import comparison as comparison
-from .recording.translate import blueprint as blueprint
-from .recording.translate import send as send
 from .report import Line as Line
 from .report import Row as Row
 from .report import Tone as Tone

@@ -314,14 +314,14 @@ def test_a_bad_problem_file_is_one_message_with_its_line(socp: Command, name: st
         ),
         (["describe", "x.py"], 3, "x.py: No such file or directory"),
         (
-            ["--no-plugin", "lgrr", "methods"],
+            ["--no-plugin", "mbocc", "methods"],
             2,
-            "--no-plugin lgrr: no such plugin; did you mean 'lgr'?",
+            "--no-plugin mbocc: no such plugin; did you mean 'mboc'?",
         ),
         (
-            ["--no-plugin", "lgr", "solve", "cart.py", "-m", "lgr"],
+            ["--no-plugin", "mboc", "solve", "cart.py", "-m", "mboc"],
             2,
-            "method 'lgr': plugin 'lgr' is off: left out by",
+            "method 'mboc': plugin 'mboc' is off: left out by",
         ),
     ],
 )

@@ -952,7 +952,7 @@ def test_a_bug_of_socp_s_own_method_costs_its_own_row_alone(
     def bug(*_: Any, **__: Any) -> None:
         raise AttributeError("a bug")
 
-    monkeypatch.setattr("socp_plugins.lgr.Lgr.solve", bug)
+    monkeypatch.setattr("socp_plugins.collocation.Lgr.solve", bug)
     said = command(
         "compare", "cart.py", "-m", "lgr", "-m", "euler-ipopt", "-o", "steps=10", "--json"
     )
@@ -1012,7 +1012,7 @@ def test_a_recorder_that_fails_is_named_and_the_solve_goes_on(
     )
     hook = f"def socp_recorder(problem, path, live, runs):\n    {opened}\n"
     name = bad(own + HOOK + hook)
-    monkeypatch.setenv("SOCP_PLUGINS", f"{name},euler_ipopt")
+    monkeypatch.setenv("SOCP_PLUGINS", f"{name},collocation")
     said = command(*QUICK, "--record", "cart.rrd")
     assert said.code == 0
     assert f"warning: plugin '{name}' ({name} 1.0): " in said.err

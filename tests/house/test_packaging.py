@@ -30,7 +30,9 @@ def test_every_plugin_loads_and_every_problem_imports(registry: Registry) -> Non
 def test_every_file_of_plugins_and_problems_is_registered() -> None:
     for room, group in (("plugins", "socp.plugins"), ("problems", "socp.problems")):
         targets = {point.value.partition(":")[0] for point in metadata.entry_points(group=group)}
-        assert {f"socp_{room}.{path.stem}" for path in (ROOT / room).glob("[!_]*.py")} <= targets
+        folders = [front.parent for front in (ROOT / room).glob("*/__init__.py")]
+        paths = [*(ROOT / room).glob("[!_]*.py"), *folders]
+        assert {f"socp_{room}.{path.stem}" for path in paths} <= targets
 
 
 def test_the_command_is_installed() -> None:
@@ -83,11 +85,15 @@ def test_what_is_built_holds_every_module_and_no_more(tmp_path: Path) -> None:
     (wheel,) = tmp_path.glob("*.whl")
     (sdist,) = tmp_path.glob("*.tar.gz")
     rooms = {"socp": "socp", "plugins": "socp_plugins", "problems": "socp_problems"}
-    wanted = set()
-    for room, package in rooms.items():
-        wanted |= {
-            f"{package}/{path.relative_to(ROOT / room)}" for path in (ROOT / room).rglob("*.py")
-        }
+    files = {  # a lazy front reads its stub when it runs
+        room: [path for ending in ("py", "pyi") for path in (ROOT / room).rglob(f"*.{ending}")]
+        for room in rooms
+    }
+    wanted = {
+        f"{rooms[room]}/{path.relative_to(ROOT / room)}"
+        for room, paths in files.items()
+        for path in paths
+    }
     with zipfile.ZipFile(wheel) as archive:
         held = {
             name for name in archive.namelist() if not name.partition("/")[0].endswith(".dist-info")
@@ -96,7 +102,5 @@ def test_what_is_built_holds_every_module_and_no_more(tmp_path: Path) -> None:
         assert any(name.endswith("licenses/LICENSE") for name in archive.namelist())
     with tarfile.open(sdist) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
-    sources = {
-        str(path.relative_to(ROOT)) for room in rooms for path in (ROOT / room).rglob("*.py")
-    }
+    sources = {str(path.relative_to(ROOT)) for paths in files.values() for path in paths}
     assert sources | {"pyproject.toml", "LICENSE", "socp/py.typed"} <= names

@@ -35,10 +35,10 @@ def name_of(path: Path) -> str:
 
 
 def packages(tree: ast.AST) -> set[str]:
-    """Return the packages that a module imports, at once or late."""
+    """Return the packages that a module imports, at once or late, its own left out."""
     found = set()
     for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module:
+        if isinstance(node, ast.ImportFrom) and node.module and not node.level:
             found.add(node.module.partition(".")[0])
         elif isinstance(node, ast.Import):
             found |= {each.name.partition(".")[0] for each in node.names}

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from socp_plugins.rerun import viewer
 
 from socp.cli import main
 from socp.errors import MethodError, SolveError
@@ -23,7 +24,6 @@ from socp.model.progress import Progress
 from socp.model.scene import picture
 from socp.model.solution import Solution
 from socp.registry.plugins import Registry
-from socp.view.recording import viewer
 from socp.view.recording.contents import Run, control, items
 from socp.view.recording.items import Drawing, Lane, Note, Panel, Series
 from socp.view.recording.page import layout, panels, visible
@@ -472,7 +472,7 @@ def test_a_missing_rerun_is_one_line_and_the_result_is_kept(
     monkeypatch.setitem(sys.modules, "rerun", None)
     code, result = solved(tmp_path, "--record", str(tmp_path / "a.rrd"))
     assert code == 0
-    assert "rerun_recorder" in one_line(capsys.readouterr().err)
+    assert "plugin 'rerun'" in one_line(capsys.readouterr().err)
     assert Solution.load(result).stop.ok
 
 
@@ -645,7 +645,7 @@ def test_a_recorder_that_fails_is_one_line_and_is_left_alone(
         "--out",
         str(result),
     ]
-    assert main(["--no-plugin", "rerun_recorder", *words, "--record", str(tmp_path / fails)]) == 0
+    assert main(["--no-plugin", "rerun", *words, "--record", str(tmp_path / fails)]) == 0
     who, said = f"plugin 'aa_stranger' (stranger_{fails} 1.0)", one_line(capsys.readouterr().err)
     assert f"{who}: not recorded: RuntimeError: {fails} is broken" in said
     (recorder,) = sys.modules[module].recorders
@@ -655,7 +655,7 @@ def test_a_recorder_that_fails_is_one_line_and_is_left_alone(
 
 
 def test_without_a_recorder_it_is_said_how_to_find_out(tmp_path: Path) -> None:
-    registry = Registry.load(without=["rerun_recorder"])
+    registry = Registry.load(without=["rerun"])
     with pytest.raises(MethodError, match="no plugin records"):
         registry.recorder(registry.problem("auv"), tmp_path / "a.rrd")
 

@@ -196,7 +196,7 @@ def test_the_viewer_has_no_errors_to_report(screen: Viewer, shown: Shown) -> Non
 def test_a_solve_is_streamed_to_the_viewer_and_to_the_file_at_once(
     screen: Viewer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from socp.view.recording import viewer as native
+    from socp_plugins.rerun import viewer as native
 
     monkeypatch.setattr(native.ready, "__defaults__", (screen.port, 1.0))
     path = tmp_path / "live.rrd"
@@ -220,7 +220,7 @@ def test_a_solve_is_streamed_to_the_viewer_and_to_the_file_at_once(
 def test_a_viewer_that_is_closed_meanwhile_costs_a_line_and_the_recording_is_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from socp.view.recording import viewer as native
+    from socp_plugins.rerun import viewer as native
 
     path, registry = tmp_path / "a.rrd", Registry.load()
     problem = registry.problem("double_integrator_vlimit")

@@ -5,10 +5,8 @@ get there.
 import casadi
 import numpy as np
 import pytest
-from socp_plugins.euler_ipopt import EulerIpopt
-from socp_plugins.hermite_simpson import HermiteSimpson
+from socp_plugins.collocation import EulerIpopt, HermiteSimpson, Trapezoidal
 from socp_plugins.lgr_multiphase import LgrMultiphase
-from socp_plugins.trapezoidal import Trapezoidal
 from socp_problems.auv import problem
 
 from socp.methods.contract import Method

@@ -8,7 +8,7 @@ from conftest import PLUGIN, Install
 from socp.errors import MethodError, ProblemError
 from socp.methods.guess import default_guess
 from socp.registry.entries import Plugin, suggest
-from socp.registry.plugins import PluginError, Registry
+from socp.registry.plugins import HOOKS, PluginError, Registry
 
 HOOK = "from socp import hookimpl\n\n@hookimpl\n"
 BROKEN = {
@@ -26,7 +26,7 @@ BROKEN = {
     "argument": (HOOK + "def socp_solved(problem, outcome):\n    pass\n", "outcome"),
     "unmarked": (
         "def socp_methods():\n    return []\n",
-        "implements no hook; mark socp_methods or socp_solved or socp_recorder with @hookimpl",
+        f"implements no hook; mark {' or '.join(HOOKS)} with @hookimpl",
     ),
     "nolist": (
         HOOK + "def socp_methods():\n    return 3\n",
@@ -47,7 +47,7 @@ BROKEN = {
     ),
     "taken": (
         PLUGIN.format(name="euler-ipopt"),
-        "there is a method 'euler-ipopt' already, socp_plugins.euler_ipopt.EulerIpopt",
+        "there is a method 'euler-ipopt' already, socp_plugins.collocation.EulerIpopt",
     ),
 }
 
@@ -71,7 +71,7 @@ def test_a_broken_plugin_is_failed_with_its_reason_and_the_others_work(
     )
     assert [each.name for each in registry.failures] == [name]
     assert "euler-ipopt" in registry.methods
-    assert registry.methods["euler-ipopt"].__module__ == "socp_plugins.euler_ipopt"
+    assert registry.methods["euler-ipopt"].__module__ == "socp_plugins.collocation"
 
 
 def test_a_method_of_a_failed_plugin_is_refused_with_the_plugin_s_reason(install: Install) -> None:
@@ -92,22 +92,25 @@ def test_a_plugin_with_one_good_method_keeps_it(install: Install) -> None:
 
 
 def test_socp_plugins_and_without_limit_what_is_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("SOCP_PLUGINS", "lgr, trapezoidal,nothing")
-    registry = Registry.load(without=["lgr"])
-    assert set(registry.methods) == {"trapezoidal"}
+    monkeypatch.setenv("SOCP_PLUGINS", "mboc, collocation,nothing")
+    registry = Registry.load(without=["mboc"])
+    assert set(registry.methods) == {"euler-ipopt", "trapezoidal", "hermite-simpson", "lgr"}
     assert registry.warnings[0].startswith("SOCP_PLUGINS: no plugin 'nothing'; there are ")
-    assert _plugin(registry, "lgr").reason == "left out by --no-plugin"
+    assert _plugin(registry, "mboc").reason == "left out by --no-plugin"
     with pytest.raises(
-        MethodError, match="method 'lgr': plugin 'lgr' is off: left out by --no-plugin"
+        MethodError, match="method 'mboc': plugin 'mboc' is off: left out by --no-plugin"
     ):
-        registry.method("lgr")
+        registry.method("mboc")
     monkeypatch.setenv("SOCP_PLUGINS", "")
-    assert not Registry.load().methods
+    nothing = Registry.load()
+    assert not nothing.methods
+    with pytest.raises(MethodError, match=r"unknown method 'lgr'; .*not loaded: .*collocation"):
+        nothing.method("lgr")
 
 
 def test_without_refuses_an_unknown_name() -> None:
-    with pytest.raises(MethodError, match="--no-plugin lgrr: no such plugin; did you mean 'lgr'"):
-        Registry.load(without=["lgrr"])
+    with pytest.raises(MethodError, match="--no-plugin mbocc: no such plugin; did you mean 'mboc'"):
+        Registry.load(without=["mbocc"])
 
 
 def test_a_name_that_is_taken_is_refused_with_the_first_owner(install: Install) -> None:

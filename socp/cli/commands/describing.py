@@ -12,7 +12,7 @@ from rich.text import Text
 from socp.cli.options import backend_name, has_options
 from socp.cli.session import Exit, Session, heading, show
 from socp.errors import MethodError, ProblemError
-from socp.process import short
+from socp.process import first_paragraph, short
 from socp.registry import load_problem, suggest
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def _method(method: "type[Method]", registry: "Registry") -> None:
         table.add_column(head, overflow="fold")
     for cells in option_rows(method):
         table.add_row(*(Text(cell) for cell in cells))
-    about = Text(f"{inspect.getdoc(method)}\n")
+    about = Text(f"{_flowing(inspect.getdoc(method))}\n")
     source = Text(f"source: {method.source}\n", "dim")
     show(
         heading(method.name, f"method of {owner.package if owner else 'unknown'}"),
@@ -59,6 +59,15 @@ def _method(method: "type[Method]", registry: "Registry") -> None:
         source,
         table,
     )
+
+
+def _flowing(doc: str | None) -> str:
+    """Return a docstring whose first paragraph is one line: the terminal breaks it where it must.
+
+    What follows stays as it is: it may be a list or a formula.
+    """
+    _, gap, rest = (doc or "").strip().partition("\n\n")
+    return f"{first_paragraph(doc)}{gap}{rest}"
 
 
 def option_rows(method: "type[Method]") -> Iterator[tuple[str, str, str, str]]:

@@ -8,8 +8,10 @@ from rich.table import Table
 from rich.text import Text
 
 from socp.cli.session import Exit, Session, show, write_json
+from socp.process import first_paragraph
 
 _STATUS = {"loaded": "green", "partly": "yellow", "failed": "bold red", "off": "dim"}
+_ADDS = {"socp_solved": "listener", "socp_recorder": "recorder", "socp_viewer": "viewer"}
 _JSON = click.option("--json", "as_json", is_flag=True, help="Write JSON.")
 
 
@@ -44,7 +46,7 @@ def methods(session: Session, as_json: bool) -> int:
     found = []
     for name, method in sorted(registry.methods.items()):
         owner = registry.owner(name)
-        about = (inspect.getdoc(method) or "").partition("\n")[0]
+        about = first_paragraph(inspect.getdoc(method))
         found.append(
             {
                 "name": name,
@@ -84,7 +86,7 @@ def plugins_list(session: Session, as_json: bool = False) -> int:
         return Exit.SOLVED
     rows: list[list[Text | str]] = []
     for plugin in registry.plugins:
-        adds = [*plugin.methods, *(["listener"] if "socp_solved" in plugin.hooks else [])]
+        adds = [*plugin.methods, *(_ADDS[hook] for hook in plugin.hooks if hook in _ADDS)]
         status = Text(plugin.status, _STATUS[plugin.status])
         rows.append([plugin.name, status, plugin.reason or ", ".join(adds), plugin.package])
     _print(["plugin", "status", "adds, or reason", "package"], rows)

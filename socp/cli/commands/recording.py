@@ -52,12 +52,12 @@ def recording(
     nothing.
 
     What goes wrong with it becomes one warning. MethodError, before anything is solved, says why
-    the file cannot be written or that no plugin records.
+    the file cannot be written, or that no plugin records or offers a viewer.
     """
     from socp.registry import Guarded
 
     path = None if record is None else _place(Path(record), "--record")
-    address = _viewer(session) if live else ""
+    address = _address(session, registry) if live else ""
     if path is None and not address:
         yield Guarded(None)
         return
@@ -101,7 +101,7 @@ def record(session: Session, /, result: str, out: str | None, problem: str | Non
     """Record a saved result: the file .rrd opens in rerun's viewer, with 'socp view'."""
     name = Path(result).name.removesuffix(".json").removesuffix(".socp")
     path = _place(Path(out or f"{name}{ENDING}"), "--out")
-    _record(session, result, problem, path)
+    _record(session, session.registry(), path, result, problem)
     session.tell(path)
     return Exit.SOLVED
 
@@ -114,28 +114,30 @@ def view(session: Session, /, source: str, problem: str | None) -> int:
     """Open a recording .rrd, or a saved result, in rerun's native viewer, which listens on this
     computer alone.
     """
-    from socp.view.recording import viewer
-
     path = Path(source)
     if not path.is_file():
         raise SolveError(f"{path}: there is no such file")
-    if _is_recording(path):
+    recorded = _is_recording(path)
+    if path.suffix == ENDING and not recorded:
+        raise SolveError(f"{path}: is no recording: it does not begin as one")
+    registry = session.registry()
+    viewer = registry.viewer()
+    if recorded:
         viewer.show(path)
         return Exit.SOLVED
-    if path.suffix == ENDING:
-        raise SolveError(f"{path}: is no recording: it does not begin as one")
     with tempfile.TemporaryDirectory(prefix="socp-") as folder:
         made = Path(folder) / f"{path.name.removesuffix('.json').removesuffix('.socp')}{ENDING}"
-        _record(session, source, problem, made)
+        _record(session, registry, made, source, problem)
         viewer.show(made)
     return Exit.SOLVED
 
 
-def _record(session: Session, result: str, given: str | None, path: Path) -> None:
+def _record(
+    session: Session, registry: Registry, path: Path, result: str, given: str | None
+) -> None:
     """Record a saved result; SolveError says why it cannot be, ProblemError that its problem is not
     known.
     """
-    registry = session.registry()
     solution, problem = open_result(session, result, given, registry)
     if problem is None:
         raise ProblemError(f"{result}: {unknown(solution)}")
@@ -163,11 +165,10 @@ def _is_recording(path: Path) -> bool:
         return file.read(len(_MAGIC)) == _MAGIC
 
 
-def _viewer(session: Session) -> str:
-    from socp.view.recording import viewer
-
+def _address(session: Session, registry: Registry) -> str:
+    """Return the address of a viewer, empty where it cannot be had: the solve goes on unseen."""
     try:
-        return viewer.ready()
+        return registry.viewer().ready()
     except SolveError as error:
         session.warn(f"--live: {error}")
         return ""

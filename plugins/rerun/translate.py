@@ -3,7 +3,7 @@
 from typing import Any
 
 from socp.process import one_line
-from socp.view.recording.items import Bars, Drawing, Group, Item, Lane, Note, Panel, Plane, Series
+from socp.view import Bars, Drawing, Group, Item, Lane, Note, Panel, Plane, Series
 
 
 def send(stream: Any, item: Item) -> None:

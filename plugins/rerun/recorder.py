@@ -1,4 +1,4 @@
-"""Recordings of solves as rerun files (.rrd), and solves watched live in rerun's viewer."""
+"""A solve written as it goes, to a rerun file (.rrd), to rerun's viewer, or to both."""
 
 import os
 import time
@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from socp import SolveError, hookimpl
+from socp import SolveError
 from socp.model import Problem, Progress, Solution, picture
 from socp.process import file_stem, one_line
 from socp.view import (
@@ -20,18 +20,18 @@ from socp.view import (
     Note,
     Plane,
     Run,
-    blueprint,
     comparison,
     ground,
     items,
     layout,
     log10,
     scale,
-    send,
     streaming,
     together,
 )
-from socp.view.recording import viewer
+
+from . import viewer
+from .translate import blueprint, send
 
 SCHEMA = 1  # version of what a recording holds, in its properties
 _FOOTER = b"RRF2FOOT"  # near the end of every file that was closed in order
@@ -45,12 +45,6 @@ _SHARE, _APART = (
     0.05,
     1 / 12,
 )  # iterates take this share of the time at most, and wait for that share of it
-
-
-@hookimpl
-def socp_recorder(problem: Problem, path: Path | None, live: str, runs: int) -> "Recorder":
-    """Return a recorder of one solve, or of several runs side by side."""
-    return Recorder.open(problem, path, live, several=runs > 1)
 
 
 @final
