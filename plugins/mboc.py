@@ -25,9 +25,9 @@ from socp import (
     uniform,
 )
 from socp.errors import SolveError
-from socp.laws import Modes, arc_modes
+from socp.laws import arc_modes
 from socp.methods import arranged, scouts
-from socp.model import SHORTEST, Mode, Stop, Word
+from socp.model import SHORTEST, Mode, Modes, Stop, Word
 from socp.search import (
     Branching,
     Candidate,
@@ -36,12 +36,11 @@ from socp.search import (
     Ration,
     all_words,
     count,
-    merged,
     missed,
     revealed,
     rounded,
+    shortened,
     softened,
-    without,
 )
 from socp.transcription import radau_iia
 from socp.verdict import chattering, judge
@@ -186,11 +185,9 @@ class Mboc(Method):
         branching.nodes += found.nodes
         if not found.stop.ok and found.stop is not Stop.LIMIT:
             return
-        edges = (found.initial_time, *found.junctions.tolist(), found.final_time)
         arcs = tuple(tuple(Mode.parse(mode) for mode in arc.modes) for arc in found.arcs)
         if all(mode.kind != "free" for arc in arcs for mode in arc):
-            full = Candidate(arcs, edges, found)
-            branching.verify(merged(without(full, SHORTEST * (edges[-1] - edges[0]))), watch)
+            branching.verify(shortened(Candidate.of(found, arcs), SHORTEST), watch)
 
     # -- what is left to say
 
@@ -261,8 +258,7 @@ def _others(branching: Branching, directs: Sequence[Solution]) -> Iterator[Child
     for letters in all_words(branching.modes, branching.switches):
         if not branching.ledger.knows(letters):
             cut = arranged(problem, near, Word(problem.control_names, letters))
-            edges = (cut.initial_time, *cut.junctions.tolist(), cut.final_time)
-            yield Child(near.objective, Candidate(letters, edges, near))
+            yield Child(near.objective, replace(Candidate.of(cut, letters), source=near))
 
 
 def _missing(branching: Branching, best: Solution) -> str:
@@ -301,9 +297,8 @@ def _asked(best: Solution) -> str:
     if not findings:
         return ""
     worst = max(findings, key=lambda f: f.residual)
-    control = worst.where.split(",")[0]
     return (
-        f", {control}: {worst.wants} at t = {worst.t:.4g} ({worst.condition} on "
+        f", {worst.control}: {worst.wants} at t = {worst.t:.4g} ({worst.condition} on "
         f"{worst.where}: {worst.residual:.1e})"
     )
 

@@ -2,7 +2,6 @@ from .attempt import Coarse as Coarse
 from .branching import Branching as Branching
 from .branching import Child as Child
 from .candidate import Candidate as Candidate
-from .candidate import Joint as Joint
 from .candidate import merged as merged
 from .candidate import without as without
 from .conclusion import concluded as concluded

@@ -14,8 +14,8 @@ from typing import final
 import casadi
 import numpy as np
 
-from socp.laws import Modes, values
-from socp.model import Problem, Solution, column, parameters_of, time
+from socp.laws import values
+from socp.model import Modes, Problem, Solution, column, parameters_of, time
 
 _NODES = 24  # looks at an arc: its own nodes are few, and crowd at its ends
 _ACTIVE = 1e-6  # of a constraint's range: nearer counts as on it

@@ -12,7 +12,7 @@ import casadi
 import numpy as np
 
 from socp import laws
-from socp.model import Finding, Problem, Solution, final_time, initial_time
+from socp.model import Condition, Finding, Mode, Place, Problem, Solution, final_time, initial_time
 from socp.transcription import lgr
 from socp.verdict.adjoint import Along
 from socp.verdict.nodes import POINTS, Samples
@@ -76,10 +76,12 @@ def _motion(along: Along) -> Finding:
     low, high = along.problem.start_box
     off[:, 0] = np.maximum(off[:, 0], np.maximum(low - start, start - high) / scale)
     i, k = np.unravel_index(int(np.argmax(off)), off.shape)
-    where = f"{along.problem.state_names[i]}, arc {samples.arc[k * samples.width] + 1}"
-    title = "states are those of the controls"
+    place = Place(of=along.problem.state_names[i], arc=int(samples.arc[k * samples.width]) + 1)
     return Finding(
-        condition=title, residual=float(off[i, k]), where=where, t=float(samples.edges[k])
+        kind=Condition.MOTION,
+        residual=float(off[i, k]),
+        place=place,
+        t=float(samples.edges[k]),
     )
 
 
@@ -87,7 +89,7 @@ def _drift(solution: Solution) -> Finding:
     """Find how far the states are from those that the control, re-integrated, goes through."""
     drift = max((found.drift for found in solution.verified), default=np.inf)
     return Finding(
-        condition="states are those of the re-integrated control",
+        kind=Condition.DRIFT,
         residual=np.inf if np.isnan(drift) else drift,
     )
 
@@ -96,7 +98,7 @@ def _objective(along: Along) -> Finding:
     value, size = cost(along.problem, along.solution, along.samples)
     off = abs(along.solution.objective - value) / max(size, 1e-300)
     return Finding(
-        condition="objective is that of the states and controls",
+        kind=Condition.OBJECTIVE,
         residual=np.inf if np.isnan(off) else off,
     )
 
@@ -122,12 +124,11 @@ def _modes(along: Along, density: np.ndarray, size: float) -> Iterator[Finding]:
             elif mode == "s":
                 off = 1.0 if _held(along, arc.modes, i, active, density[:, inside], size) else 0.0
             if mode != "*":
-                title = "control keeps the mode of its arc"
                 yield Finding(
-                    condition=title,
+                    kind=Condition.MODE,
                     residual=off,
-                    where=f"{name}, arc {index + 1} ({mode})",
-                    t=arc.t[0],
+                    place=Place(control=name, arc=index + 1, mode=Mode.parse(mode)),
+                    t=float(arc.t[0]),
                 )
 
 
@@ -179,4 +180,4 @@ def _parameters(along: Along) -> Iterator[Finding]:
     for i, name in enumerate(along.problem.parameter_names):
         value = float(along.samples.p[i])
         off = max(low[i] - value, value - high[i], 0.0) / max(abs(value), 1e-300)
-        yield Finding(condition="parameter within its interval", residual=off, where=name)
+        yield Finding(kind=Condition.PARAMETER_RANGE, residual=off, place=Place(of=name))

@@ -58,7 +58,7 @@ def verdict_html(verdict: Verdict) -> str:
         )
     tables = (("Legendre-Clebsch", verdict.legendre_clebsch), ("bang margin", verdict.margins))
     found += [
-        (label, f"{_text(name)}: {value:.1e}")
+        (label, f"{_text(str(name))}: {value:.1e}")
         for label, table in tables
         for name, value in table.items()
     ]

@@ -13,7 +13,7 @@ import pytest
 
 from socp import Problem, Solution, default_guess, errors, run
 from socp.errors import MethodError
-from socp.model.findings import Finding, Verdict
+from socp.model.findings import Condition, Finding, Place, Verdict
 from socp.model.solution import Stop
 from socp.registry.plugins import Registry
 from socp.view.notebook import words
@@ -138,7 +138,16 @@ def test_verdict_shows_every_condition(solution: Solution) -> None:
         assert f"{finding.residual:.1e}" in text
     assert "broken" not in text
     broken = replace(
-        verdict, findings=(Finding(condition="one <of> them", residual=0.5, where="arc 1", t=0.25),)
+        verdict,
+        findings=(
+            Finding(
+                kind=Condition.OTHER,
+                text="one <of> them",
+                residual=0.5,
+                place=Place(arc=1),
+                t=0.25,
+            ),
+        ),
     )
     text = seen(broken._repr_html_())
     assert "one <of> them" in text
@@ -152,15 +161,17 @@ def test_verdict_shows_every_condition(solution: Solution) -> None:
         (Verdict(miss=0.5), "not feasible: re-integration off by 5.0e-01"),
         (Verdict(miss=1e-9), "not held against Pontryagin's principle"),
         (
-            Verdict(miss=0.0, findings=(Finding(condition="c", residual=1e-9),)),
+            Verdict(miss=0.0, findings=(Finding(kind=Condition.SIGN, residual=1e-9),)),
             "an extremal of Pontryagin's principle",
         ),
         (
-            Verdict(miss=0.0, findings=(Finding(condition="c", residual=1e-2),)),
-            "not an extremal of .*: c: 1.0e-02",
+            Verdict(miss=0.0, findings=(Finding(kind=Condition.SIGN, residual=1e-2),)),
+            "not an extremal of .*: switching function sign: 1.0e-02",
         ),
         (
-            Verdict(miss=0.0, findings=(Finding(condition="c", residual=0.0),), ringing={"u": 9.0}),
+            Verdict(
+                miss=0.0, findings=(Finding(kind=Condition.SIGN, residual=0.0),), ringing={"u": 9.0}
+            ),
             "; u rings$",
         ),
     ],

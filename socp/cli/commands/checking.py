@@ -1,7 +1,7 @@
 """`socp check`: judge a saved result."""
 
 import math
-from dataclasses import asdict
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -55,7 +55,8 @@ def plain(verdict: "Verdict") -> dict[str, Any]:
         name: getattr(verdict, name)
         for name in ("feasible", "extremal", "residual", "reasons", "rings")
     }
-    return {**derived, **asdict(verdict)}
+    own = {f.name: getattr(verdict, f.name) for f in fields(verdict)}
+    return {**derived, **own, "findings": [finding.data for finding in verdict.findings]}
 
 
 def lines(verdict: "Verdict", told: int = _TOLD) -> list[Text]:

@@ -15,8 +15,8 @@ import casadi
 import numpy as np
 
 from socp import laws
-from socp.laws import Modes, arc_modes
-from socp.model import Expr, Problem, column, final_time, initial_time, time, walked
+from socp.laws import arc_modes
+from socp.model import Expr, Modes, Problem, column, final_time, initial_time, time, walked
 from socp.process import one_line
 from socp.search.integer.bounds import enclosed, reachable
 from socp.search.integer.reduction import binary_modes
