@@ -216,7 +216,7 @@ def _finding(where: str, finding: Finding) -> None:
             _mode(f"{where}.{field}", mode)
     kind, there = finding.kind, Condition.__members__
     if kind and kind not in there:
-        raise ProblemError(f"{where}.kind: '{_shown(kind)}'; there are {', '.join(there)}")
+        raise ProblemError(f"{where}.kind: '{kind}'; there are {', '.join(there)}")
     if kind and kind != "OTHER" and there[kind].value != finding.condition:
         words = f"the words for {kind} are '{there[kind].value}'"
         raise ProblemError(f"{where}.condition: {_shown(finding.condition)}, but {words}")
