@@ -27,7 +27,7 @@ from socp import (
 from socp.errors import SolveError
 from socp.laws import arc_modes
 from socp.methods import arranged, scouts
-from socp.model import SHORTEST, Mode, Modes, Stop, Word
+from socp.model import SHORTEST, Modes, Stop, Word
 from socp.search import (
     Branching,
     Candidate,
@@ -41,6 +41,7 @@ from socp.search import (
     rounded,
     shortened,
     softened,
+    spelled,
 )
 from socp.transcription import radau_iia
 from socp.verdict import chattering, judge
@@ -185,9 +186,8 @@ class Mboc(Method):
         branching.nodes += found.nodes
         if not found.stop.ok and found.stop is not Stop.LIMIT:
             return
-        arcs = tuple(tuple(Mode.parse(mode) for mode in arc.modes) for arc in found.arcs)
-        if all(mode.kind != "free" for arc in arcs for mode in arc):
-            branching.verify(shortened(Candidate.of(found, arcs), SHORTEST), watch)
+        if all(arc.lawful for arc in found.arcs):
+            branching.verify(shortened(spelled(found), SHORTEST), watch)
 
     # -- what is left to say
 

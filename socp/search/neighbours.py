@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from socp.model import Modes, Solution, Word
+from socp.model import Modes, Solution
 from socp.search import candidate
 from socp.search.candidate import Candidate, merged
 
@@ -13,15 +13,7 @@ _SPROUT = 0.1  # of the shorter neighbour: the first length of an arc put betwee
 
 def spelled(solution: Solution) -> Candidate:
     """Return the word that a solution follows, as a candidate."""
-    word = Word.parse(_text(solution), solution.control_names)
-    return Candidate.of(solution, word.arcs)
-
-
-def _text(solution: Solution) -> str:
-    rows = zip(*(arc.modes for arc in solution.arcs), strict=True)
-    return "; ".join(
-        f"{name}: {' '.join(row)}" for name, row in zip(solution.control_names, rows, strict=True)
-    )
+    return Candidate.of(solution, [arc.modes for arc in solution.arcs])
 
 
 def shortened(given: Candidate, shortest: float) -> Candidate:

@@ -305,7 +305,7 @@ def _beam(trials: _Trials, modes: Sequence[Modes], start: Solution) -> None:
     """Solve the words that come of the start's, and of the best found, until none of them does
     better.
     """
-    own = all(mode != "*" for arc in start.arcs for mode in arc.modes)
+    own = all(arc.lawful for arc in start.arcs)
     seed = spelled(start) if own else read(trials.problem, start)
     for mode in modes:
         trials.solve(Candidate((mode,), (seed.edges[0], seed.edges[-1]), seed.source))

@@ -189,7 +189,7 @@ def _with_multipliers(along: Along, z: np.ndarray) -> tuple[Arc, ...]:
     names = [constraint.name for constraint in along.problem.constraints]
     arcs = []
     for index, arc in enumerate(along.solution.arcs):
-        if "*" in arc.modes:
+        if not arc.lawful:
             arcs.append(arc)
             continue
         own = dict(zip(names, margins.on_arc(along.samples, index, arc, density), strict=True))

@@ -12,7 +12,17 @@ import casadi
 import numpy as np
 
 from socp import laws
-from socp.model import Condition, Finding, Mode, Place, Problem, Solution, final_time, initial_time
+from socp.model import (
+    Condition,
+    Finding,
+    Mode,
+    Modes,
+    Place,
+    Problem,
+    Solution,
+    final_time,
+    initial_time,
+)
 from socp.transcription import lgr
 from socp.verdict.adjoint import Along
 from socp.verdict.nodes import POINTS, Samples
@@ -116,18 +126,18 @@ def _modes(along: Along, density: np.ndarray, size: float) -> Iterator[Finding]:
         active = _active(samples, inside)
         for i, (name, mode) in enumerate(zip(problem.control_names, arc.modes, strict=True)):
             off = 0.0
-            if mode in {"-", "+"}:
-                bound = low[i] if mode == "-" else high[i]
+            if mode.kind in {"lower", "upper"}:
+                bound = low[i] if mode.kind == "lower" else high[i]
                 off = float(np.abs(samples.u[i, inside] - bound).max()) / (high[i] - low[i])
-            elif mode.startswith("b"):
+            elif mode.kind == "boundary":
                 off = 0.0 if _followed(problem, i, mode, active) else 1.0
-            elif mode == "s":
+            elif mode.kind == "singular":
                 off = 1.0 if _held(along, arc.modes, i, active, density[:, inside], size) else 0.0
-            if mode != "*":
+            if mode.kind != "free":
                 yield Finding(
                     kind=Condition.MODE,
                     residual=off,
-                    place=Place(control=name, arc=index + 1, mode=Mode.parse(mode)),
+                    place=Place(control=name, arc=index + 1, mode=mode),
                     t=float(arc.t[0]),
                 )
 
@@ -139,7 +149,7 @@ def _active(samples: Samples, inside: np.ndarray) -> np.ndarray:
     return np.array((c[:, inside] > -near[:, None]).all(axis=1))
 
 
-def _followed(problem: Problem, i: int, mode: str, active: np.ndarray) -> bool:
+def _followed(problem: Problem, i: int, mode: Mode, active: np.ndarray) -> bool:
     """Tell whether a control's boundary arc lies on a constraint that the control acts on, the
     named one if any.
     """
@@ -147,12 +157,12 @@ def _followed(problem: Problem, i: int, mode: str, active: np.ndarray) -> bool:
     names = [
         c.name for c, on in zip(problem.constraints, active, strict=True) if on and c.name in acting
     ]
-    return any(mode in {"b", f"b[{name}]"} for name in names)
+    return any(mode.constraint in {None, name} for name in names)
 
 
 def _held(
     along: Along,
-    modes: tuple[str, ...],
+    modes: Modes,
     i: int,
     active: np.ndarray,
     density: np.ndarray,
@@ -169,7 +179,7 @@ def _held(
             active[j]
             and constraint.name in acting
             and pushes
-            and not {"b", f"b[{constraint.name}]"} & set(modes)
+            and not {Mode("boundary"), Mode("boundary", constraint.name)} & set(modes)
         ):
             return True
     return False

@@ -70,7 +70,7 @@ def follow(result: Any, constraints: Sequence[str]) -> None:
     """
     known = set(constraints)
     for k, arc in enumerate(result.arcs):
-        modes = [Mode.parse(text).constraint for text in arc.modes]
+        modes = [Mode.parse(str(mode)).constraint for mode in arc.modes]
         for field, its in (
             ("modes", [each for each in modes if each]),
             ("multipliers", arc.multipliers),

@@ -124,6 +124,8 @@ def _plain(value: Any) -> Any:
         value = value.tolist()
     if isinstance(value, Enum):
         value = value.name
+    elif isinstance(value, Mode):
+        value = str(value)
     elif isinstance(value, Finding):
         value = _plain(value.data)
     elif is_dataclass(value):
@@ -220,5 +222,5 @@ def _arc(data: Mapping[str, Any]) -> Arc:
         k: np.array([_row(r) for r in data[k]]).reshape(-1, t.size) for k in ("x", "u", "costate")
     }
     multipliers = {name: _row(values) for name, values in data["multipliers"].items()}
-    mesh, modes = np.array(data["mesh"], dtype=int), tuple(data["modes"])
+    mesh, modes = np.array(data["mesh"], dtype=int), tuple(map(Mode.parse, data["modes"]))
     return Arc(t=t, mesh=mesh, side=data["side"], modes=modes, multipliers=multipliers, **matrices)

@@ -102,7 +102,7 @@ def disjunctive(
         [MODEL],
         _values(start) if start is not None else [],
     )
-    binaries = tuple(tuple(choice.values(tuple(map(str, each))).tolist()) for each in combinations)
+    binaries = tuple(tuple(choice.values(each).tolist()) for each in combinations)
     return Disjunctive("\n".join(line for part in parts for line in part), binaries)
 
 
