@@ -82,12 +82,7 @@ def solved(registry: Registry, problem: Problem, name: str, **options: Any) -> S
 
 def along(problem: Problem, solution: Solution, points: int) -> Solution:
     """Solve along the word of a solution with one LGR interval of so many points on every arc."""
-    arcs = [tuple(arc.modes) for arc in solution.arcs]
-    rows = [
-        f"{name}: {' '.join(arc[i] for arc in arcs)}"
-        for i, name in enumerate(problem.control_names)
-    ]
-    word = Word.parse("; ".join(rows), problem.control_names)
+    word = Word(problem.control_names, tuple(arc.modes for arc in solution.arcs))
     follower = Follower(points=points, intervals=1, backend=Ipopt({"tol": 1e-12}))
     return follower(problem, word, arranged(problem, solution, word))
 

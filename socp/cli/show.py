@@ -1,7 +1,7 @@
 """What the commands show of a solution: its facts as plain values, and its report on a terminal."""
 
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
@@ -55,7 +55,8 @@ def plain(verdict: "Verdict") -> dict[str, Any]:
         name: getattr(verdict, name)
         for name in ("feasible", "extremal", "residual", "reasons", "rings")
     }
-    return {**derived, **asdict(verdict)}
+    own = {each.name: getattr(verdict, each.name) for each in fields(verdict)}
+    return {**derived, **own, "findings": [finding.data for finding in verdict.findings]}
 
 
 def variations(solution: "Solution") -> dict[str, float]:

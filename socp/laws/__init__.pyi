@@ -8,7 +8,6 @@ from .law import arc_law as arc_law
 from .modes import arc_modes as arc_modes
 from .modes import control_modes as control_modes
 from .modes import values as values
-from .principle import Modes as Modes
 from .principle import derive as derive
 from .principle import extremal_arc as extremal_arc
 from .principle import forget as forget

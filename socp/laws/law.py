@@ -12,9 +12,9 @@ from socp.errors import MethodError
 from socp.laws import setting as extremal
 from socp.laws.brackets import hamiltonian_value, total_derivative
 from socp.laws.contacts import acting, resolved
-from socp.laws.principle import Extremal, Modes, arc, derive, extremal_arc, setting_of
+from socp.laws.principle import Extremal, arc, derive, extremal_arc, setting_of
 from socp.laws.setting import Setting, tower
-from socp.model import Constraint, Expr, Mode, Problem, column
+from socp.model import Constraint, Expr, Mode, Modes, Problem, column
 
 __all__ = [
     "ArcLaw",

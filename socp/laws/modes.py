@@ -9,8 +9,7 @@ import numpy as np
 
 from socp.errors import MethodError
 from socp.laws import law as laws
-from socp.laws.principle import Modes
-from socp.model import Mode, Problem, time
+from socp.model import Mode, Modes, Problem, time
 
 _BANGS = (Mode("lower"), Mode("upper"))
 

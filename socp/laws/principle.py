@@ -17,9 +17,7 @@ from socp.laws.brackets import extended
 from socp.laws.contacts import followed
 from socp.laws.setting import Contact, Setting
 from socp.laws.singular import Chain, chain, matrix_of
-from socp.model import Expr, Mode, Problem, column
-
-Modes = tuple[Mode, ...]
+from socp.model import Expr, Mode, Modes, Problem, column
 
 
 @final

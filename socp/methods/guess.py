@@ -10,7 +10,18 @@ import casadi
 import numpy as np
 
 from socp.laws import ends, travel_time
-from socp.model import Arc, Problem, Solution, Stop, Word, final_time, initial_time, scales, time
+from socp.model import (
+    Arc,
+    Mode,
+    Problem,
+    Solution,
+    Stop,
+    Word,
+    final_time,
+    initial_time,
+    scales,
+    time,
+)
 from socp.verdict import misfit
 
 _NODES = 101  # a guess that varies in time is sampled as finely as a plot would be
@@ -62,7 +73,7 @@ def guess_of(
         costate=unknown,
         mesh=np.arange(t.size),
         side="both",
-        modes=("*",) * u.shape[0],
+        modes=(Mode("free"),) * u.shape[0],
     )
     return Solution(
         problem=problem.name,
@@ -124,7 +135,7 @@ def split(guess: Solution, lengths: list[float]) -> Solution:
                 costate=costate,
                 mesh=np.arange(t.size),
                 side="both",
-                modes=("*",) * u.shape[0],
+                modes=(Mode("free"),) * u.shape[0],
             )
         )
     fields: dict[str, Any] = {

@@ -13,11 +13,14 @@ from .evaluation import scales as scales
 from .evaluation import sizes as sizes
 from .findings import EXTREMAL as EXTREMAL
 from .findings import FEASIBLE as FEASIBLE
+from .findings import NOWHERE as NOWHERE
 from .findings import SHORTEST as SHORTEST
 from .findings import Agreement as Agreement
+from .findings import Condition as Condition
 from .findings import Feasibility as Feasibility
 from .findings import Finding as Finding
 from .findings import Node as Node
+from .findings import Place as Place
 from .findings import Verdict as Verdict
 from .findings import digits_of as digits_of
 from .graph import walked as walked
@@ -45,4 +48,5 @@ from .symbols import parameters as parameters
 from .symbols import states as states
 from .symbols import time as time
 from .word import Mode as Mode
+from .word import Modes as Modes
 from .word import Word as Word

@@ -6,6 +6,8 @@ from typing import Any, Literal, final
 
 import numpy as np
 
+from socp.model.word import Mode, Modes
+
 Which = Literal["x", "u", "costate"]
 
 
@@ -15,10 +17,11 @@ class Arc:
     """One arc: nodes in time with the values there.
 
     t (n,) increasing; x (nx, n); u (nu, n); costate (nx, n), nan where unknown; modes: one a
-    control, as a word spells them; multipliers: state constraint -> density (n,), nan at nodes of
-    no weight. `mesh` (k + 1,) holds the indices of the nodes where the arc's k intervals begin and
-    end; on each the state is the polynomial through all of its nodes, the control the one through
-    those of its nodes that are collocated: all but the ends that `side` leaves out.
+    control, which may be given as a word spells them; multipliers: state constraint -> density
+    (n,), nan at nodes of no weight. `mesh` (k + 1,) holds the indices of the nodes where the arc's
+    k intervals begin and end; on each the state is the polynomial through all of its nodes, the
+    control the one through those of its nodes that are collocated: all but the ends that `side`
+    leaves out.
     """
 
     t: np.ndarray
@@ -27,8 +30,18 @@ class Arc:
     costate: np.ndarray
     mesh: np.ndarray
     side: Literal["left", "right", "both"]
-    modes: tuple[str, ...]
+    modes: Modes
     multipliers: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        given: Sequence[Mode | str] = self.modes
+        modes = tuple(Mode.parse(each) if isinstance(each, str) else each for each in given)
+        object.__setattr__(self, "modes", modes)
+
+    @property
+    def lawful(self) -> bool:
+        """Whether all controls follow laws, none was collocated."""
+        return all(mode.kind != "free" for mode in self.modes)
 
     def nodes(self, interval: int, which: Which = "x") -> slice:
         """Return the nodes that carry a quantity on one interval."""

@@ -5,11 +5,13 @@ agree.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import final
+from enum import Enum
+from typing import Any, final
 
 import numpy as np
 
 from socp.model.views import view
+from socp.model.word import Mode
 
 
 @final
@@ -118,6 +120,72 @@ SHORTEST = EXTREMAL
 RINGS = 1.5
 
 
+class Condition(Enum):
+    """The conditions that a verdict holds a solution against: those of Pontryagin's principle, and
+    what the solution says of itself.
+    """
+
+    INSIDE = "switching function zero inside the box"
+    SIGN = "switching function sign"
+    SWITCH = "switching function zero at a switch"
+    FINAL_TIME = "Hamiltonian at the final time"
+    INITIAL_TIME = "Hamiltonian at the initial time"
+    CONSTANT = "Hamiltonian constant but for explicit time"
+    START = "transversality at the start"
+    PARAMETER = "stationarity of a parameter"
+    END_SIGN = "sign of an end multiplier"
+    CONSTRAINT_SIGN = "sign of a constraint's multiplier"
+    JUMP_SIGN = "sign of a jump"
+    MOTION = "states are those of the controls"
+    DRIFT = "states are those of the re-integrated control"
+    OBJECTIVE = "objective is that of the states and controls"
+    MODE = "control keeps the mode of its arc"
+    PARAMETER_RANGE = "parameter within its interval"
+    COMPLEMENTARY = "multipliers only where a constraint is met"
+    NO_LENGTH = "arc without length, drop it from the word"
+    OTHER = "another condition"  # of a file that another version wrote, in its own words
+
+    @property
+    def of_switching(self) -> bool:
+        """Whether it is about a switching function."""
+        return self in {Condition.INSIDE, Condition.SIGN, Condition.SWITCH}
+
+    @property
+    def of_free_time(self) -> bool:
+        """Whether it ties the multipliers to the cost of a free time."""
+        return self in {Condition.FINAL_TIME, Condition.INITIAL_TIME}
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """What a figure of a verdict is of.
+
+    - control: the control, where it is of one;
+    - of: the state, parameter, constraint or end condition, where it is of one of these;
+    - stretch: the number of the control's stretch, from 1; arc: the number of the arc, from 1;
+    - mode: what the control does there.
+    """
+
+    control: str | None = None
+    of: str = ""
+    stretch: int | None = None
+    arc: int | None = None
+    mode: Mode | None = None
+
+    def __str__(self) -> str:
+        parts = (
+            self.control or self.of,
+            "" if self.stretch is None else f"stretch {self.stretch}",
+            "" if self.arc is None else f"arc {self.arc}",
+        )
+        mode = "" if self.mode is None else f" ({self.mode})"
+        return ", ".join(filter(None, parts)) + mode
+
+
+NOWHERE = Place()  # of the solution as a whole
+
+
 @final
 @dataclass(frozen=True, kw_only=True)
 class Finding:
@@ -125,14 +193,54 @@ class Finding:
     where and when.
 
     `residual` is dimensionless; it holds if it is at most `EXTREMAL`. `wants` is the mode (+ or -)
-    that the switching function asks for there, where the condition is about one.
+    that the switching function asks for there, where the condition is about one. `text` holds the
+    words of a condition that is none of the known ones.
     """
 
-    condition: str
+    kind: Condition
     residual: float
-    where: str = ""
+    place: Place = NOWHERE
     t: float | None = None
-    wants: str = ""
+    wants: Mode | None = None
+    text: str = ""
+
+    @property
+    def condition(self) -> str:
+        """The condition in words."""
+        return self.text or self.kind.value
+
+    @property
+    def where(self) -> str:
+        """Its place in words, empty for the solution as a whole."""
+        return str(self.place)
+
+    @property
+    def control(self) -> str | None:
+        """The control that it is of, if any."""
+        return self.place.control
+
+    @property
+    def stretch(self) -> int | None:
+        """The number of the control's stretch, from 1, where it is of one."""
+        return self.place.stretch
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """All of it as plain values, in words as well, as result files hold it."""
+        place = self.place
+        return {
+            "condition": self.condition,
+            "residual": self.residual,
+            "where": self.where,
+            "t": self.t,
+            "wants": "" if self.wants is None else str(self.wants),
+            "kind": self.kind.name,
+            "control": place.control,
+            "of": place.of,
+            "stretch": place.stretch,
+            "arc": place.arc,
+            "mode": "" if place.mode is None else str(place.mode),
+        }
 
     @property
     def holds(self) -> bool:
@@ -180,7 +288,7 @@ class Verdict:
     distance: float | None = None
     normality: float = 1.0
     legendre_clebsch: Mapping[str, float] = field(default_factory=dict)
-    margins: Mapping[str, float] = field(default_factory=dict)
+    margins: Mapping[Place, float] = field(default_factory=dict)
     ringing: Mapping[str, float] = field(default_factory=dict)
     objective_error: float = float("nan")
     remaining_error: float = float("nan")

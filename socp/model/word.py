@@ -71,6 +71,9 @@ class Mode:
         return cls(kind, match["constraint"])
 
 
+Modes = tuple[Mode, ...]  # of all controls on one arc
+
+
 @final
 @dataclass(frozen=True)
 class Word:
@@ -80,7 +83,7 @@ class Word:
     """
 
     controls: tuple[str, ...]
-    arcs: tuple[tuple[Mode, ...], ...]
+    arcs: tuple[Modes, ...]
 
     def __str__(self) -> str:
         rows = [" ".join(str(arc[i]) for arc in self.arcs) for i in range(len(self.controls))]

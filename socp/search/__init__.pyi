@@ -3,7 +3,6 @@ from .bounded import BoundedSearch as BoundedSearch
 from .branching import Branching as Branching
 from .branching import Child as Child
 from .candidate import Candidate as Candidate
-from .candidate import Joint as Joint
 from .candidate import merged as merged
 from .candidate import without as without
 from .conclusion import concluded as concluded

@@ -11,14 +11,15 @@ from typing import final
 import numpy as np
 
 from socp.errors import MethodError, SolveError
-from socp.laws import Modes, arc_modes
+from socp.laws import arc_modes
 from socp.methods import arranged, scouts, solve_collocated
-from socp.model import SHORTEST, Mode, Problem, Solution, Stop, Watch, Word, silent
+from socp.model import SHORTEST, Modes, Problem, Solution, Stop, Watch, Word, silent
 from socp.search.attempt import Coarse
 from socp.search.branching import Branching, Child
-from socp.search.candidate import Candidate, merged, without
+from socp.search.candidate import Candidate
 from socp.search.effort import Ration
 from socp.search.ledger import all_words, count
+from socp.search.neighbours import shortened, spelled
 from socp.search.reading import revealed
 from socp.search.rounding import rounded
 from socp.search.softening import missed, softened
@@ -161,11 +162,8 @@ class BoundedSearch:
         branching.nodes += found.nodes
         if not found.stop.ok and found.stop is not Stop.LIMIT:
             return
-        edges = (found.initial_time, *found.junctions.tolist(), found.final_time)
-        arcs = tuple(tuple(Mode.parse(mode) for mode in arc.modes) for arc in found.arcs)
-        if all(mode.kind != "free" for arc in arcs for mode in arc):
-            full = Candidate(arcs, edges, found)
-            branching.verify(merged(without(full, SHORTEST * (edges[-1] - edges[0]))), watch)
+        if all(arc.lawful for arc in found.arcs):
+            branching.verify(shortened(spelled(found), SHORTEST), watch)
 
     # -- what is left to say
 
@@ -236,8 +234,7 @@ def _others(branching: Branching, directs: Sequence[Solution]) -> Iterator[Child
     for letters in all_words(branching.modes, branching.switches):
         if not branching.ledger.knows(letters):
             cut = arranged(problem, near, Word(problem.control_names, letters))
-            edges = (cut.initial_time, *cut.junctions.tolist(), cut.final_time)
-            yield Child(near.objective, Candidate(letters, edges, near))
+            yield Child(near.objective, replace(Candidate.of(cut, letters), source=near))
 
 
 def _missing(branching: Branching, best: Solution) -> str:
@@ -276,8 +273,7 @@ def _asked(best: Solution) -> str:
     if not findings:
         return ""
     worst = max(findings, key=lambda f: f.residual)
-    control = worst.where.split(",")[0]
     return (
-        f", {control}: {worst.wants} at t = {worst.t:.4g} ({worst.condition} on "
+        f", {worst.control}: {worst.wants} at t = {worst.t:.4g} ({worst.condition} on "
         f"{worst.where}: {worst.residual:.1e})"
     )

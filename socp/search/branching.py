@@ -13,15 +13,15 @@ from typing import final
 
 import numpy as np
 
-from socp.laws import Modes
 from socp.methods import sound
-from socp.model import SHORTEST, Node, Solution, Stop, Watch, Word, scales, silent
+from socp.model import SHORTEST, Modes, Node, Solution, Stop, Watch, Word, scales, silent
 from socp.search.attempt import Coarse, staggered, trimmed
-from socp.search.candidate import Candidate, merged, planted, without
+from socp.search.candidate import Candidate, planted
 from socp.search.effort import node, rank
 from socp.search.insertion import insertions, magnitude
 from socp.search.ledger import Ledger
 from socp.search.mending import mends
+from socp.search.neighbours import shortened
 from socp.search.refinement import tried
 from socp.search.softening import missed
 from socp.transcription import tails
@@ -176,9 +176,8 @@ class Branching:
     def _branch(self, child: Child, solution: Solution, watch: Watch) -> None:
         """Put the children of a solved word into the queue; judge it where there are none."""
         now = child.candidate
-        edges = (solution.initial_time, *solution.junctions.tolist(), solution.final_time)
-        full = Candidate(now.arcs, edges, solution)
-        short = merged(without(full, SHORTEST * (edges[-1] - edges[0])))
+        full = Candidate.of(solution, now.arcs)
+        short = shortened(full, SHORTEST)
         if short.arcs != now.arcs:
             if short.arcs in self.ledger.solved:
                 return

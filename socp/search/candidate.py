@@ -1,16 +1,14 @@
-"""search.candidate."""
+"""Candidates: words to try, with edges in time and a guess."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import final
+from typing import Self, final
 
 import numpy as np
 
 from socp.methods import split
-from socp.model import Mode, Solution, Word
-
-Joint = tuple[Mode, ...]
-
+from socp.model import Mode, Modes, Solution, Word
 
 # Of the arc that it is put into: the first length of an inserted arc, soon corrected by the solver
 _SPROUT = 0.02
@@ -23,9 +21,15 @@ class Candidate:
     guess.
     """
 
-    arcs: tuple[Joint, ...]
+    arcs: tuple[Modes, ...]
     edges: tuple[float, ...]
     source: Solution
+
+    @classmethod
+    def of(cls, solution: Solution, arcs: Sequence[Modes]) -> Self:
+        """Return a word whose arcs meet where those of a solution do."""
+        edges = (solution.initial_time, *solution.junctions.tolist(), solution.final_time)
+        return cls(tuple(arcs), edges, solution)
 
     @property
     def key(self) -> str:
@@ -49,13 +53,13 @@ def merged(given: Candidate) -> Candidate:
     return Candidate(arcs, (*(given.edges[k] for k in keep), given.edges[-1]), given.source)
 
 
-def insert(given: Candidate, control: int, mode: str, t: float) -> Candidate:
+def insert(given: Candidate, control: int, mode: Mode, t: float) -> Candidate:
     """Return a candidate with one control in another mode for a while around a time."""
     arc = given.arcs[given.place(t)]
-    return planted(given, (*arc[:control], Mode.parse(mode), *arc[control + 1 :]), t)
+    return planted(given, (*arc[:control], mode, *arc[control + 1 :]), t)
 
 
-def planted(given: Candidate, new: Joint, t: float) -> Candidate:
+def planted(given: Candidate, new: Modes, t: float) -> Candidate:
     """Return a candidate with all controls in given modes for a while around a time."""
     edges, k = np.array(given.edges), given.place(t)
     a, b = edges[k], edges[k + 1]

@@ -6,7 +6,7 @@ import numpy as np
 
 from socp.errors import MethodError, SolveError
 from socp.methods import Follower, polished, sound
-from socp.model import Agreement, Mode, Problem, Solution, Stop, Watch, Word, silent
+from socp.model import Agreement, Problem, Solution, Stop, Watch, Word, silent
 from socp.search.neighbours import dropped, spelled
 from socp.solvers import Backend
 from socp.verdict import judge
@@ -97,9 +97,7 @@ def _compared(
     """Return the solution on the mesh that agrees best with the one before it, or the given one
     where none agrees.
     """
-    word = Word(
-        problem.control_names, tuple(tuple(map(Mode.parse, arc.modes)) for arc in best.arcs)
-    )
+    word = Word(problem.control_names, tuple(arc.modes for arc in best.arcs))
     last = best
     for tolerance in _FINER:
         follower = Follower(points=_POINTS, tolerance=tolerance, longer=False, backend=wanted[1])

@@ -14,8 +14,8 @@ from typing import final
 import casadi
 import numpy as np
 
-from socp.laws import Modes, values
-from socp.model import Problem, Solution, column, parameters_of, time
+from socp.laws import values
+from socp.model import Mode, Modes, Problem, Solution, column, parameters_of, time
 
 _NODES = 24  # looks at an arc: its own nodes are few, and crowd at its ends
 _ACTIVE = 1e-6  # of a constraint's range: nearer counts as on it
@@ -102,7 +102,7 @@ class _Nodes:
         place = np.arange(self.t.size) % _NODES
         return np.isin(place, (0, _NODES - 1))
 
-    def admits(self, modes: Modes, u: np.ndarray, own: Sequence[tuple[str, ...]]) -> np.ndarray:
+    def admits(self, modes: Modes, u: np.ndarray, own: Sequence[Modes]) -> np.ndarray:
         """Return where (n,) a mode with controls u (nu, n) may begin, in arcs of their own
         modes.
         """
@@ -119,7 +119,7 @@ class _Nodes:
         ):
             size = max(float(np.ptp(c)), float(np.abs(growth).max()) * horizon, 1e-300)
             on = c > -_ACTIVE * size
-            kept = np.array([f"b[{constraint.name}]" in own[k] for k in self.arc])
+            kept = np.array([Mode("boundary", constraint.name) in own[k] for k in self.arc])
             if constraint.name in named:
                 allowed &= on | kept
             else:  # off a constraint that an arc keeps there is no way back to it within the arc
@@ -156,7 +156,7 @@ def _of(nodes: _Nodes, solution: Solution, modes: Modes) -> Iterator[Insertion]:
     for k in np.unique(nodes.arc):
         here = np.flatnonzero(nodes.arc == k)
         best = here[np.argmin(slope[here])]
-        if own[k] != tuple(map(str, modes)) and np.isfinite(slope[best]):
+        if own[k] != modes and np.isfinite(slope[best]):
             yield Insertion(modes, int(k), float(nodes.t[best]), float(slope[best]))
 
 

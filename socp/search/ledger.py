@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import final
 
-from socp.laws import Modes
+from socp.model import Modes
 
 Letters = tuple[Modes, ...]
 _MANY = 10**15  # words: nobody reads more digits

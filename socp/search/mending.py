@@ -9,7 +9,7 @@ import numpy as np
 
 from socp import laws
 from socp.laws import arc_modes, control_modes
-from socp.model import EXTREMAL, SHORTEST, Mode, Problem, Solution
+from socp.model import EXTREMAL, SHORTEST, Mode, Place, Problem, Solution
 from socp.search.candidate import Candidate, insert, merged, without
 from socp.verdict import constraint_values, misfit
 
@@ -18,11 +18,10 @@ from socp.verdict import constraint_values, misfit
 
 def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Candidate]:
     """Yield the words that may mend a judged solution, the most promising first."""
-    edges = (solution.initial_time, *solution.junctions.tolist(), solution.final_time)
-    now = Candidate(tried.arcs, edges, solution)
-    shortest = SHORTEST * (edges[-1] - edges[0])
-    gone = [k for k, (a, b) in enumerate(pairwise(edges)) if b - a <= shortest]
-    yield from (_dropped(now, problem, label) for label in _slack(solution))
+    now = Candidate.of(solution, tried.arcs)
+    shortest = SHORTEST * (now.edges[-1] - now.edges[0])
+    gone = [k for k, (a, b) in enumerate(pairwise(now.edges)) if b - a <= shortest]
+    yield from (_dropped(now, place) for place in _slack(solution))
     if gone:
         yield merged(without(now, shortest))
         yield from (_swapped(now, k) for k in gone if 0 < k < len(now.arcs) - 1)
@@ -31,35 +30,34 @@ def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Ca
     if solution.verdict is None:
         return
     for finding in sorted(solution.verdict.findings, key=lambda f: -f.residual):
-        if finding.wants and finding.t is not None and not finding.holds:
-            name = finding.where.split(",")[0]
-            if (
-                name in solution.verdict.chattering
-            ):  # what it asks for is one of infinitely many more arcs
-                continue
+        name, wants, t = finding.control, finding.wants, finding.t
+        if name is None or wants is None or t is None or finding.holds:
+            continue
+        if name not in solution.verdict.chattering:  # else one of infinitely many more arcs
             control = problem.control_names.index(name)
-            yield insert(now, control, finding.wants, finding.t)
-            yield insert(now, control, "s", finding.t)
+            yield insert(now, control, wants, t)
+            yield insert(now, control, Mode("singular"), t)
 
 
-def _slack(solution: Solution) -> Iterator[str]:
+def _slack(solution: Solution) -> Iterator[Place]:
     """Yield the bang stretches whose switching function never takes the right sign clearly."""
     if solution.verdict is not None:
         level = min(solution.verdict.residual, EXTREMAL)
-        yield from (label for label, margin in solution.verdict.margins.items() if margin <= level)
+        yield from (place for place, margin in solution.verdict.margins.items() if margin <= level)
 
 
-def _dropped(given: Candidate, problem: Problem, label: str) -> Candidate:
-    """Return a candidate whose control goes on with its neighbouring mode on a stretch, such as `r,
-    stretch 2 (-)`.
+def _dropped(given: Candidate, place: Place) -> Candidate:
+    """Return a candidate whose control goes on with its neighbouring mode on one of its
+    stretches.
     """
-    name, _, place = label.partition(", stretch ")
-    number = int(place.partition(" ")[0]) - 1
-    i, row = problem.control_names.index(name), list(given.source.structure[name])
+    if place.control is None or place.stretch is None:
+        return given
+    i, k = given.source.control_names.index(place.control), place.stretch - 1
+    row = given.source.structure[place.control]
     if len(row) == 1:
         return given
-    neighbour = row[number - 1][0] if number else row[1][0]
-    _, a, b = row[number]
+    neighbour = row[k - 1][0] if k else row[1][0]
+    _, a, b = row[k]
     arcs = []
     for arc, (start, end) in zip(given.arcs, pairwise(given.edges), strict=True):
         inside = a <= (start + end) / 2.0 <= b
@@ -87,7 +85,8 @@ def _outside(problem: Problem, now: Candidate) -> Iterator[Candidate]:
             excess = np.maximum(low - arc.u[i], arc.u[i] - high)
             k = int(np.argmax(excess))
             if excess[k] > 1e-6 * (high - low):
-                yield insert(now, i, "+" if arc.u[i, k] > high else "-", float(arc.t[k]))
+                bound = Mode("upper" if arc.u[i, k] > high else "lower")
+                yield insert(now, i, bound, float(arc.t[k]))
 
 
 def _violated(problem: Problem, now: Candidate) -> Iterator[Candidate]:
@@ -102,7 +101,7 @@ def _violated(problem: Problem, now: Candidate) -> Iterator[Candidate]:
     )
     for i in range(len(problem.control_names)):
         if constraint in laws.acting(problem, i):
-            yield insert(now, i, f"b[{constraint.name}]", worst)
+            yield insert(now, i, Mode("boundary", constraint.name), worst)
 
 
 def starts(first: Candidate) -> Iterator[Candidate]:
@@ -116,7 +115,8 @@ def starts(first: Candidate) -> Iterator[Candidate]:
         for i, mode in enumerate(first.arcs[k])
         if mode.kind == "singular"
     ]
-    signs = ["+-" if _pulls(first.source, i, t) > 0 else "-+" for _, t, i in places]
+    low, high = Mode("lower"), Mode("upper")
+    signs = [(high, low) if _pulls(first.source, i, t) > 0 else (low, high) for _, t, i in places]
     for choice in product((0, 1), repeat=len(places)):
         new = first
         for (_, t, i), pair, k in zip(places, signs, choice, strict=True):

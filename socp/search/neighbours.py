@@ -4,28 +4,16 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from socp.model import Solution, Word
+from socp.model import Modes, Solution
 from socp.search import candidate
-from socp.search.candidate import Candidate, Joint, merged
+from socp.search.candidate import Candidate, merged
 
 _SPROUT = 0.1  # of the shorter neighbour: the first length of an arc put between two
 
 
 def spelled(solution: Solution) -> Candidate:
     """Return the word that a solution follows, as a candidate."""
-    word = Word.parse(_text(solution), solution.control_names)
-    return Candidate(
-        word.arcs,
-        (solution.initial_time, *solution.junctions.tolist(), solution.final_time),
-        solution,
-    )
-
-
-def _text(solution: Solution) -> str:
-    rows = zip(*(arc.modes for arc in solution.arcs), strict=True)
-    return "; ".join(
-        f"{name}: {' '.join(row)}" for name, row in zip(solution.control_names, rows, strict=True)
-    )
+    return Candidate.of(solution, [arc.modes for arc in solution.arcs])
 
 
 def shortened(given: Candidate, shortest: float) -> Candidate:
@@ -49,7 +37,7 @@ def dropped(now: Candidate, k: int) -> Candidate:
     return merged(Candidate((*now.arcs[:k], *now.arcs[k + 1 :]), tuple(edges), now.source))
 
 
-def changed(now: Candidate, modes: Sequence[Joint]) -> Iterator[Candidate]:
+def changed(now: Candidate, modes: Sequence[Modes]) -> Iterator[Candidate]:
     """Yield words with one control in another mode on one arc."""
     for k, arc in enumerate(now.arcs):
         for mode in modes:
@@ -59,7 +47,7 @@ def changed(now: Candidate, modes: Sequence[Joint]) -> Iterator[Candidate]:
                 )
 
 
-def put_in(now: Candidate, modes: Sequence[Joint]) -> Iterator[Candidate]:
+def put_in(now: Candidate, modes: Sequence[Modes]) -> Iterator[Candidate]:
     """Yield words with one arc more, at an end or between two, in whose mode one control differs
     from a neighbour.
     """

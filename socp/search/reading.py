@@ -27,7 +27,7 @@ def revealed(problem: Problem, first: Candidate) -> Candidate:
     switch is smeared.
     """
     found = first
-    for i, name in enumerate(problem.control_names):
+    for i in range(len(problem.control_names)):
         edges = _stretches(first, i)
         for k, (mode, a, b) in enumerate(edges):
             if mode != "s":
@@ -35,7 +35,7 @@ def revealed(problem: Problem, first: Candidate) -> Candidate:
             beside = (edges[k - 1][0] if k else "", edges[k + 1][0] if k + 1 < len(edges) else "")
             for t, bang in _bangs(problem, first, i, (a, b)):
                 if bang != beside[t > (a + b) / 2.0]:
-                    found = insert(found, problem.control_names.index(name), bang, t)
+                    found = insert(found, i, Mode.parse(bang), t)
     return found
 
 

@@ -15,8 +15,8 @@ from typing import Any, final
 import numpy as np
 
 from socp.errors import SolveError
-from socp.laws import Modes, values
-from socp.model import Problem, Solution, parameters_of
+from socp.laws import values
+from socp.model import Modes, Problem, Solution, parameters_of
 from socp.process import aside
 from socp.search.candidate import Candidate, merged
 from socp.verdict import constraint_values

@@ -9,11 +9,10 @@ import numpy as np
 from socp.errors import MethodError, SolveError
 from socp.laws import arc_modes
 from socp.methods import Follower, arranged, sound
-from socp.model import SHORTEST, Problem, Solution, Stop, Watch, Word, silent
+from socp.model import SHORTEST, Modes, Problem, Solution, Stop, Watch, Word, silent
 from socp.process import breakable
 from socp.search import (
     Candidate,
-    Joint,
     changed,
     dropped,
     left_out,
@@ -227,7 +226,7 @@ def best_by_switches(
 
 
 def _frontier(
-    trials: "_Trials", modes: Sequence[Joint], start: Solution, *, every: bool
+    trials: "_Trials", modes: Sequence[Modes], start: Solution, *, every: bool
 ) -> Frontier:
     try:
         with breakable():
@@ -284,21 +283,17 @@ def limited(problem: Problem, found: Solution, at_most: int, watch: Watch = sile
     return replace(rows[-1].after(found), message=f"{found.message}; {told(rows)}")
 
 
-def _everything(trials: _Trials, modes: Sequence[Joint], start: Solution) -> None:
+def _everything(trials: _Trials, modes: Sequence[Modes], start: Solution) -> None:
     """Solve every word, shorter ones first."""
     for count in range(trials.most + 1):
         for arcs in _words(modes, count + 1):
             word = Word(trials.problem.control_names, arcs)
             source = trials.best(count) or start
-            guess = arranged(trials.problem, source, word)
-            trials.solve(
-                Candidate(
-                    arcs, (guess.initial_time, *guess.junctions.tolist(), guess.final_time), source
-                )
-            )
+            cut = Candidate.of(arranged(trials.problem, source, word), arcs)
+            trials.solve(replace(cut, source=source))
 
 
-def _words(modes: Sequence[Joint], count: int) -> Iterator[tuple[Joint, ...]]:
+def _words(modes: Sequence[Modes], count: int) -> Iterator[tuple[Modes, ...]]:
     if count == 0:
         yield ()
         return
@@ -306,11 +301,11 @@ def _words(modes: Sequence[Joint], count: int) -> Iterator[tuple[Joint, ...]]:
         yield from ((*before, mode) for mode in modes if not before or mode != before[-1])
 
 
-def _beam(trials: _Trials, modes: Sequence[Joint], start: Solution) -> None:
+def _beam(trials: _Trials, modes: Sequence[Modes], start: Solution) -> None:
     """Solve the words that come of the start's, and of the best found, until none of them does
     better.
     """
-    own = all(mode != "*" for arc in start.arcs for mode in arc.modes)
+    own = all(arc.lawful for arc in start.arcs)
     seed = spelled(start) if own else read(trials.problem, start)
     for mode in modes:
         trials.solve(Candidate((mode,), (seed.edges[0], seed.edges[-1]), seed.source))

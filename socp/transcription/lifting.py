@@ -186,7 +186,7 @@ def _arc(layout: Layout, point: NLPPoint, k: int) -> Arc:
         mesh=t.mesh,
         side=t.side,
         costate=carried if phase.carried.numel() else _costate(layout, point, k, given),
-        modes=tuple(map(str, phase.choice.read(z) if phase.choice else phase.modes)),
+        modes=phase.choice.read(z) if phase.choice else phase.modes,
         multipliers=_multipliers(layout, point, k),
     )
 

@@ -1,6 +1,5 @@
 """Problems cut into phases: one control law on each, free lengths between the switching times."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import final
@@ -9,7 +8,7 @@ import casadi
 import numpy as np
 
 from socp import laws
-from socp.model import Expr, Mode, Problem, Word, column, time
+from socp.model import Expr, Mode, Modes, Problem, Word, column, time
 
 _ROUNDING = 1e-12  # of the start's values: what an entry condition leaves there that they meet
 
@@ -29,23 +28,20 @@ class Choice:
     """
 
     z: Expr
-    modes: tuple[tuple[Mode, ...], ...]
+    modes: tuple[Modes, ...]
     weights: tuple[tuple[Expr, ...], ...]
     along: tuple[Row, ...] = ()
     entry: tuple[Row, ...] = ()
 
-    def values(self, modes: Sequence[str]) -> np.ndarray:
-        """Return binaries (nz,) for modes as a word spells them; even shares where a mode is not
-        among the choices.
-        """
+    def values(self, modes: Modes) -> np.ndarray:
+        """Return binaries (nz,) for modes; even shares where a mode is not among the choices."""
         found: list[float] = []
         for own, mode in zip(self.modes, modes, strict=True):
-            spelled = [str(each) for each in own]
-            known = mode in spelled
-            found += [float(each == mode) if known else 1.0 / len(own) for each in spelled[:-1]]
+            known = mode in own
+            found += [float(each == mode) if known else 1.0 / len(own) for each in own[:-1]]
         return np.array(found)
 
-    def read(self, z: np.ndarray) -> tuple[Mode, ...]:
+    def read(self, z: np.ndarray) -> Modes:
         """Return the modes that binaries (nz,) choose, those of the largest share where they are
         fractions.
         """
@@ -72,7 +68,7 @@ class Phase:
     binaries too, and `modes` is what the arc is taken for while they are not known.
     """
 
-    modes: tuple[Mode, ...]
+    modes: Modes
     control: Expr
     free: Expr
     box: np.ndarray
@@ -140,7 +136,7 @@ def _met(problem: Problem, entry: Expr) -> bool:
     return abs(float(casadi.evalf(at))) <= _ROUNDING * size
 
 
-def _phase(problem: Problem, modes: tuple[Mode, ...], kept: frozenset[str]) -> Phase:
+def _phase(problem: Problem, modes: Modes, kept: frozenset[str]) -> Phase:
     """Return the phase of one arc; what the arc before it has `kept` holds at its entry already."""
     law = laws.arc_law(problem, modes)
     at = [i for i, mode in enumerate(modes) if mode.kind == "free"]

@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from socp.errors import MethodError
-from socp.model import Mode, Problem, Solution, Verdict, Word, digits_of
+from socp.model import Problem, Solution, Verdict, Word, digits_of
 from socp.transcription import PhasedProblem, Shooting, ends, follow, jointed
 from socp.verdict.newton import Conditions
 from socp.verdict.structure import ACTIVE
@@ -127,7 +127,7 @@ def posed(
     None where there is no word, or an arc has no length.
     """
     try:
-        arcs = tuple(tuple(Mode.parse(mode) for mode in arc.modes) for arc in solution.arcs)
+        arcs = tuple(arc.modes for arc in solution.arcs)
         phased = follow(problem, Word(problem.control_names, arcs))
     except MethodError:
         return None

@@ -15,7 +15,17 @@ from dataclasses import replace
 import numpy as np
 
 from socp.errors import ProblemError
-from socp.model import SHORTEST, Arc, Finding, Problem, Solution, Verdict, digits_of
+from socp.model import (
+    SHORTEST,
+    Arc,
+    Condition,
+    Finding,
+    Place,
+    Problem,
+    Solution,
+    Verdict,
+    digits_of,
+)
 from socp.verdict import claims, estimates, margins
 from socp.verdict.accuracy import sharpened
 from socp.verdict.adjoint import Along, Ends, condense, unknowns_of
@@ -103,10 +113,10 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
 
 def _worst_of(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
     """Keep the worst finding of every condition."""
-    worst: dict[str, Finding] = {}
+    worst: dict[Condition, Finding] = {}
     for each in findings:
-        if each.condition not in worst or each.residual > worst[each.condition].residual:
-            worst[each.condition] = each
+        if each.kind not in worst or each.residual > worst[each.kind].residual:
+            worst[each.kind] = each
     return tuple(worst.values())
 
 
@@ -114,8 +124,7 @@ def _complementary(laid: Case, slack: np.ndarray, z: np.ndarray, size: float) ->
     """Yield multipliers of what is not quite active: slack (nc, n) is density times distance, jumps
     count likewise.
     """
-    along, title = laid.along, "multipliers only where a constraint is met"
-    samples = along.samples
+    along, samples, kind = laid.along, laid.along.samples, Condition.COMPLEMENTARY
     for rows in laid.rows:
         if rows.slack:
             worth = (
@@ -124,13 +133,13 @@ def _complementary(laid: Case, slack: np.ndarray, z: np.ndarray, size: float) ->
                 / along.horizon
                 / size
             )
-            yield Finding(condition=title, residual=worth, where=rows.where[0], t=float(rows.t[0]))
+            yield Finding(kind=kind, residual=worth, place=rows.where[0], t=float(rows.t[0]))
     for j, constraint in enumerate(along.problem.constraints):
         k = int(np.argmax(slack[j]))
         yield Finding(
-            condition=title,
+            kind=kind,
             residual=float(slack[j, k]) / size,
-            where=constraint.name,
+            place=Place(of=constraint.name),
             t=float(samples.t[k]),
         )
     for jump, (j, joint) in enumerate(along.unknowns.jumps):
@@ -140,8 +149,8 @@ def _complementary(laid: Case, slack: np.ndarray, z: np.ndarray, size: float) ->
                 * samples.values["c"][j, joint * samples.width - 1]
             )
         )
-        where, t = along.problem.constraints[j].name, float(samples.edges[joint])
-        yield Finding(condition=title, residual=off / along.horizon / size, where=where, t=t)
+        place, t = Place(of=along.problem.constraints[j].name), float(samples.edges[joint])
+        yield Finding(kind=kind, residual=off / along.horizon / size, place=place, t=t)
 
 
 def _gain(problem: Problem, samples: Samples, switching: np.ndarray) -> np.ndarray:
@@ -158,9 +167,9 @@ def _without_length(solution: Solution) -> tuple[Finding, ...]:
     shortest = SHORTEST * (solution.final_time - solution.initial_time)
     return tuple(
         Finding(
-            condition="arc without length, drop it from the word",
+            kind=Condition.NO_LENGTH,
             residual=1.0,
-            where=f"arc {k}",
+            place=Place(arc=k),
             t=float(arc.t[0]),
         )
         for k, arc in enumerate(solution.arcs, start=1)
@@ -180,7 +189,7 @@ def _with_multipliers(along: Along, z: np.ndarray) -> tuple[Arc, ...]:
     names = [constraint.name for constraint in along.problem.constraints]
     arcs = []
     for index, arc in enumerate(along.solution.arcs):
-        if "*" in arc.modes:
+        if not arc.lawful:
             arcs.append(arc)
             continue
         own = dict(zip(names, margins.on_arc(along.samples, index, arc, density), strict=True))

@@ -12,7 +12,17 @@ import casadi
 import numpy as np
 
 from socp import laws
-from socp.model import Finding, Problem, Solution, final_time, initial_time
+from socp.model import (
+    Condition,
+    Finding,
+    Mode,
+    Modes,
+    Place,
+    Problem,
+    Solution,
+    final_time,
+    initial_time,
+)
 from socp.transcription import lgr
 from socp.verdict.adjoint import Along
 from socp.verdict.nodes import POINTS, Samples
@@ -76,10 +86,12 @@ def _motion(along: Along) -> Finding:
     low, high = along.problem.start_box
     off[:, 0] = np.maximum(off[:, 0], np.maximum(low - start, start - high) / scale)
     i, k = np.unravel_index(int(np.argmax(off)), off.shape)
-    where = f"{along.problem.state_names[i]}, arc {samples.arc[k * samples.width] + 1}"
-    title = "states are those of the controls"
+    place = Place(of=along.problem.state_names[i], arc=int(samples.arc[k * samples.width]) + 1)
     return Finding(
-        condition=title, residual=float(off[i, k]), where=where, t=float(samples.edges[k])
+        kind=Condition.MOTION,
+        residual=float(off[i, k]),
+        place=place,
+        t=float(samples.edges[k]),
     )
 
 
@@ -87,7 +99,7 @@ def _drift(solution: Solution) -> Finding:
     """Find how far the states are from those that the control, re-integrated, goes through."""
     drift = max((found.drift for found in solution.verified), default=np.inf)
     return Finding(
-        condition="states are those of the re-integrated control",
+        kind=Condition.DRIFT,
         residual=np.inf if np.isnan(drift) else drift,
     )
 
@@ -96,7 +108,7 @@ def _objective(along: Along) -> Finding:
     value, size = cost(along.problem, along.solution, along.samples)
     off = abs(along.solution.objective - value) / max(size, 1e-300)
     return Finding(
-        condition="objective is that of the states and controls",
+        kind=Condition.OBJECTIVE,
         residual=np.inf if np.isnan(off) else off,
     )
 
@@ -114,20 +126,19 @@ def _modes(along: Along, density: np.ndarray, size: float) -> Iterator[Finding]:
         active = _active(samples, inside)
         for i, (name, mode) in enumerate(zip(problem.control_names, arc.modes, strict=True)):
             off = 0.0
-            if mode in {"-", "+"}:
-                bound = low[i] if mode == "-" else high[i]
+            if mode.kind in {"lower", "upper"}:
+                bound = low[i] if mode.kind == "lower" else high[i]
                 off = float(np.abs(samples.u[i, inside] - bound).max()) / (high[i] - low[i])
-            elif mode.startswith("b"):
+            elif mode.kind == "boundary":
                 off = 0.0 if _followed(problem, i, mode, active) else 1.0
-            elif mode == "s":
+            elif mode.kind == "singular":
                 off = 1.0 if _held(along, arc.modes, i, active, density[:, inside], size) else 0.0
-            if mode != "*":
-                title = "control keeps the mode of its arc"
+            if mode.kind != "free":
                 yield Finding(
-                    condition=title,
+                    kind=Condition.MODE,
                     residual=off,
-                    where=f"{name}, arc {index + 1} ({mode})",
-                    t=arc.t[0],
+                    place=Place(control=name, arc=index + 1, mode=mode),
+                    t=float(arc.t[0]),
                 )
 
 
@@ -138,7 +149,7 @@ def _active(samples: Samples, inside: np.ndarray) -> np.ndarray:
     return np.array((c[:, inside] > -near[:, None]).all(axis=1))
 
 
-def _followed(problem: Problem, i: int, mode: str, active: np.ndarray) -> bool:
+def _followed(problem: Problem, i: int, mode: Mode, active: np.ndarray) -> bool:
     """Tell whether a control's boundary arc lies on a constraint that the control acts on, the
     named one if any.
     """
@@ -146,12 +157,12 @@ def _followed(problem: Problem, i: int, mode: str, active: np.ndarray) -> bool:
     names = [
         c.name for c, on in zip(problem.constraints, active, strict=True) if on and c.name in acting
     ]
-    return any(mode in {"b", f"b[{name}]"} for name in names)
+    return any(mode.constraint in {None, name} for name in names)
 
 
 def _held(
     along: Along,
-    modes: tuple[str, ...],
+    modes: Modes,
     i: int,
     active: np.ndarray,
     density: np.ndarray,
@@ -168,7 +179,7 @@ def _held(
             active[j]
             and constraint.name in acting
             and pushes
-            and not {"b", f"b[{constraint.name}]"} & set(modes)
+            and not {Mode("boundary"), Mode("boundary", constraint.name)} & set(modes)
         ):
             return True
     return False
@@ -179,4 +190,4 @@ def _parameters(along: Along) -> Iterator[Finding]:
     for i, name in enumerate(along.problem.parameter_names):
         value = float(along.samples.p[i])
         off = max(low[i] - value, value - high[i], 0.0) / max(abs(value), 1e-300)
-        yield Finding(condition="parameter within its interval", residual=off, where=name)
+        yield Finding(kind=Condition.PARAMETER_RANGE, residual=off, place=Place(of=name))

@@ -5,22 +5,20 @@ Conventions (docs/conventions.md): H = L + lambda . f is minimised, lambda' = -H
 lambda(tf) = d(Mayer + nu psi)/dx(tf).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 
-from socp.model import Solution
+from socp.model import NOWHERE, Condition, Mode, Place, Solution
 from socp.transcription import lgr
 from socp.verdict.adjoint import Along
 from socp.verdict.nodes import POINTS, Samples
 from socp.verdict.structure import ACTIVE, AT_BOUND
 
 _WEIGHTS = lgr(POINTS).weights
-SWITCHING = "switching function"  # begins the names of the rows about one
-# Begins the names of the rows that tie the multipliers to the cost of a free time
-SCALE = "Hamiltonian at the"
+_LOWER, _UPPER = Mode("lower"), Mode("upper")
 
 
 @final
@@ -35,11 +33,11 @@ class Rows:
     the objective.
     """
 
-    name: str
+    kind: Condition
     matrix: np.ndarray
     offset: np.ndarray
     t: np.ndarray
-    where: list[str]
+    where: Sequence[Place]
     equation: bool = True
     decisive: bool = True
     pointwise: bool = True
@@ -50,15 +48,15 @@ class Rows:
         value = self.offset + self.matrix @ z
         return np.array(np.abs(value) if self.equation else np.maximum(value, 0.0))
 
-    def wants(self, k: int, z: np.ndarray) -> str:
-        """Return the mode that the switching function asks for at row k, empty if the row is about
+    def wants(self, k: int, z: np.ndarray) -> Mode | None:
+        """Return the mode that the switching function asks for at row k, None if the row is about
         something else.
         """
-        if not self.name.startswith(SWITCHING):
-            return ""
+        if not self.kind.of_switching:
+            return None
         if not self.equation:
-            return "-" if self.where[k].endswith("(+)") else "+"
-        return "-" if self.offset[k] + self.matrix[k] @ z > 0 else "+"
+            return _LOWER if self.where[k].mode == _UPPER else _UPPER
+        return _LOWER if self.offset[k] + self.matrix[k] @ z > 0 else _UPPER
 
 
 def conditions(along: Along) -> Iterator[Rows]:
@@ -71,11 +69,11 @@ def conditions(along: Along) -> Iterator[Rows]:
     yield from _signs(along)
 
 
-def mode_at(solution: Solution, control: str, t: float) -> tuple[str, int]:
-    """Return the mode of a control at a time and the number of its stretch, from 1."""
+def stretch_at(solution: Solution, control: str, t: float) -> Place:
+    """Return the stretch that a control is on at a time."""
     row = solution.structure[control]
     k = int(np.searchsorted([end for _, _, end in row[:-1]], t, side="right"))
-    return row[k][0], k + 1
+    return Place(control=control, stretch=k + 1, mode=Mode.parse(row[k][0]))
 
 
 def _switching(along: Along) -> Iterator[Rows]:
@@ -90,13 +88,11 @@ def _switching(along: Along) -> Iterator[Rows]:
     middle = 0.5 * (samples.edges[1:] + samples.edges[:-1])
     for i, name in enumerate(along.problem.control_names):
         width = high[i] - low[i]
-        stretches = [mode_at(along.solution, name, float(t)) for t in middle]
-        where = [
-            f"{name}, stretch {number} ({mode})"
-            for mode, number in stretches
-            for _ in range(samples.width)
-        ]
-        inside = np.repeat([mode[0] in "sb*" for mode, _ in stretches], samples.width)
+        stretches = [stretch_at(along.solution, name, float(t)) for t in middle]
+        where = [place for place in stretches for _ in range(samples.width)]
+        inside = np.repeat(
+            [place.mode not in {_LOWER, _UPPER} for place in stretches], samples.width
+        )
         distances = [
             (samples.u[i] - low[i], False),
             (samples.u[i] - high[i], False),
@@ -104,10 +100,9 @@ def _switching(along: Along) -> Iterator[Rows]:
         ]
         for share, zero in distances:
             at = np.flatnonzero(inside == zero)
-            title = "switching function zero inside the box" if zero else "switching function sign"
             lines, values = share[at, None] * matrix[i, at], share[at] * offset[i, at]
             yield Rows(
-                title,
+                Condition.INSIDE if zero else Condition.SIGN,
                 lines,
                 values,
                 samples.t[at],
@@ -119,7 +114,7 @@ def _switching(along: Along) -> Iterator[Rows]:
         at = _switch_nodes(samples, i, AT_BOUND * width)
         lines, values = width * matrix[i, at], width * offset[i, at]
         yield Rows(
-            "switching function zero at a switch",
+            Condition.SWITCH,
             lines,
             values,
             samples.t[at],
@@ -143,9 +138,9 @@ def _end_times(along: Along) -> Iterator[Rows]:
     problem, ends, (offset, matrix) = along.problem, along.ends, along.hamiltonian
     rows = np.zeros((2, along.unknowns.size))
     rows[0, : ends.signs.size], rows[1, : ends.signs.size] = ends.psi_tf, ends.psi_t0
-    for title, box, node, sign, slope, row in (
-        (f"{SCALE} final time", problem.final_time_box, -1, 1.0, ends.slope_tf, rows[0]),
-        (f"{SCALE} initial time", problem.initial_time_box, 0, -1.0, ends.slope_t0, rows[1]),
+    for kind, box, node, sign, slope, row in (
+        (Condition.FINAL_TIME, problem.final_time_box, -1, 1.0, ends.slope_tf, rows[0]),
+        (Condition.INITIAL_TIME, problem.initial_time_box, 0, -1.0, ends.slope_t0, rows[1]),
     ):
         if box[0] == box[1]:
             continue
@@ -157,7 +152,7 @@ def _end_times(along: Along) -> Iterator[Rows]:
             outward * (sign * offset[[node]] + slope),
         )
         slack = abs(tight[0] - t[0]) if tight else 0.0
-        yield Rows(title, line, value, t, [""], not tight, slack=slack)
+        yield Rows(kind, line, value, t, [NOWHERE], not tight, slack=slack)
 
 
 def _constant(along: Along) -> Rows:
@@ -187,9 +182,9 @@ def _constant(along: Along) -> Rows:
     at = np.concatenate([first, first + samples.width - 1])
     values = H[at] - H[-1] + np.concatenate([left, left - grown])
     lines = H_matrix[at] - H_matrix[-1] + np.vstack([left_matrix, left_matrix - grown_matrix])
-    where = [f"arc {samples.arc[k] + 1}" for k in at]
+    where = [Place(arc=int(samples.arc[k]) + 1) for k in at]
     return Rows(
-        "Hamiltonian constant but for explicit time",
+        Condition.CONSTANT,
         lines,
         values,
         samples.t[at],
@@ -218,11 +213,11 @@ def _transversality(along: Along) -> Iterator[Rows]:
         value = along.costates.offset[0, i] + ends.slope_initial[i]
         factor = along.scale[i] / along.horizon * (side or 1.0)
         yield Rows(
-            "transversality at the start",
+            Condition.START,
             factor * line[None, :],
             np.array([factor * value]),
             samples.t[:1],
-            [name],
+            [Place(of=name)],
             side == 0.0,
             slack=_slack(samples.x[i, 0], low, high, side) / along.scale[i] * along.horizon,
         )
@@ -248,11 +243,11 @@ def _parameters(along: Along) -> Iterator[Rows]:
         )
         factor = size / along.horizon * (side or 1.0)
         yield Rows(
-            "stationarity of a parameter",
+            Condition.PARAMETER,
             factor * line[None, :],
             np.array([factor * value]),
             samples.t[:1],
-            [name],
+            [Place(of=name)],
             side == 0.0,
             slack=_slack(samples.p[i], low, high, side) / size * along.horizon,
         )
@@ -279,9 +274,9 @@ def _signs(along: Along) -> Iterator[Rows]:
         weight = float(np.abs(ends.psi_final[k]) @ along.scale) / along.horizon
         line[0, k] = -ends.signs[k] * weight
         slack = abs(float(ends.values[k])) / weight if weight else 0.0
-        where = [ends.names[k]]
+        where = [Place(of=ends.names[k])]
         yield Rows(
-            "sign of an end multiplier",
+            Condition.END_SIGN,
             line,
             np.zeros(1),
             samples.t[-1:],
@@ -299,9 +294,9 @@ def _signs(along: Along) -> Iterator[Rows]:
             constraint
         ]
         t = samples.t[interval * samples.width :][:POINTS]
-        where = [names[constraint]] * POINTS
+        where = [Place(of=names[constraint])] * POINTS
         yield Rows(
-            "sign of a constraint's multiplier",
+            Condition.CONSTRAINT_SIGN,
             lines,
             np.zeros(POINTS),
             t,
@@ -313,10 +308,10 @@ def _signs(along: Along) -> Iterator[Rows]:
         line = np.zeros((1, nz))
         line[0, unknowns.jump_column(jump)] = -size[constraint] / along.horizon
         yield Rows(
-            "sign of a jump",
+            Condition.JUMP_SIGN,
             line,
             np.zeros(1),
             samples.edges[[joint]],
-            [names[constraint]],
+            [Place(of=names[constraint])],
             equation=False,
         )

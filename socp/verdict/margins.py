@@ -7,14 +7,14 @@ import numpy as np
 
 from socp import laws
 from socp.errors import MethodError
-from socp.model import Arc, Mode, Problem, Solution, lagrange, time
-from socp.verdict.conditions import mode_at
+from socp.model import Arc, Mode, Place, Problem, Solution, lagrange, time
+from socp.verdict.conditions import stretch_at
 from socp.verdict.nodes import Samples
 
 
 def strictness(
     problem: Problem, solution: Solution, samples: Samples, sigma: np.ndarray, size: float
-) -> dict[str, float]:
+) -> dict[Place, float]:
     """Return, for every bang stretch, how far its switching function comes to the right side of
     zero.
 
@@ -29,9 +29,8 @@ def strictness(
             inside = (samples.t >= start) & (samples.t <= end)
             if mode in {"+", "-"} and inside.any() and end > start:
                 sign = 1.0 if mode == "-" else -1.0
-                found[f"{name}, stretch {number} ({mode})"] = float(
-                    (sign * sigma[i, inside]).max() * width[i] / size
-                )
+                place = Place(control=name, stretch=number, mode=Mode.parse(mode))
+                found[place] = float((sign * sigma[i, inside]).max() * width[i] / size)
     return found
 
 
@@ -81,12 +80,13 @@ def legendre_clebsch(
     found: dict[str, float] = {}
     unknown: list[str] = []
     for arc, inside in _joint_arcs(problem, solution, samples):
-        singular = [i for i, (mode, _) in enumerate(arc) if mode == "s"]
+        modes = tuple(place.mode for place in arc if place.mode is not None)
+        singular = [i for i, mode in enumerate(modes) if mode.kind == "singular"]
         if not singular:
             continue
-        label = ", ".join(f"{problem.control_names[i]}, stretch {arc[i][1]} (s)" for i in singular)
+        label = ", ".join(str(arc[i]) for i in singular)
         try:
-            law = laws.extremal_arc(problem, tuple(Mode.parse(mode) for mode, _ in arc))
+            law = laws.extremal_arc(problem, modes)
         except MethodError as error:
             unknown.append(f"the Legendre-Clebsch condition on {label} is unknown: {error}")
             continue
@@ -111,13 +111,14 @@ def legendre_clebsch(
 
 def _joint_arcs(
     problem: Problem, solution: Solution, samples: Samples
-) -> Iterator[tuple[tuple[tuple[str, int], ...], np.ndarray]]:
-    """Yield (mode and number of its stretch by control, mask (n,) of nodes) for every arc of all
-    controls together.
+) -> Iterator[tuple[tuple[Place, ...], np.ndarray]]:
+    """Yield (stretch of every control, mask (n,) of nodes) for every arc of all controls
+    together.
     """
     middle = 0.5 * (samples.edges[1:] + samples.edges[:-1])
     joint = [
-        tuple(mode_at(solution, name, float(t)) for name in problem.control_names) for t in middle
+        tuple(stretch_at(solution, name, float(t)) for name in problem.control_names)
+        for t in middle
     ]
     for arc in dict.fromkeys(joint):
         yield arc, np.repeat([each == arc for each in joint], samples.width)

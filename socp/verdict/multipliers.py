@@ -9,11 +9,11 @@ import numpy as np
 from scipy.linalg import lstsq
 from scipy.optimize import linprog
 
-from socp.model import EXTREMAL, Finding
+from socp.model import EXTREMAL, Condition, Finding
 from socp.process import aside
 from socp.verdict import margins
 from socp.verdict.adjoint import Along
-from socp.verdict.conditions import SCALE, Rows
+from socp.verdict.conditions import Rows
 from socp.verdict.nodes import POINTS
 
 _EXACT = (
@@ -53,21 +53,21 @@ class Case:
     def findings(self, z: np.ndarray) -> tuple[Finding, ...]:
         """Return the worst residual of every condition at multipliers z."""
         size = self.magnitude(z)
-        found: dict[str, Finding] = {}
+        found: dict[Condition, Finding] = {}
         for rows in self.rows:
             if not rows.t.size:
                 continue
             residuals = rows.residuals(z) / size
             k = int(np.argmax(residuals))
             finding = Finding(
-                condition=rows.name,
+                kind=rows.kind,
                 residual=float(residuals[k]),
-                where=rows.where[k],
+                place=rows.where[k],
                 t=float(rows.t[k]),
                 wants=rows.wants(k, z),
             )
-            if rows.name not in found or finding.residual > found[rows.name].residual:
-                found[rows.name] = finding
+            if rows.kind not in found or finding.residual > found[rows.kind].residual:
+                found[rows.kind] = finding
         return tuple(found.values())
 
 
@@ -202,7 +202,7 @@ def _weight(rows: Rows, kept: int, every: int) -> np.ndarray:
     """Return the weights of rows in a sum: a condition at a point counts 1, one along an interval 1
     over its nodes.
     """
-    if rows.name.startswith(SCALE):
+    if rows.kind.of_free_time:
         return np.full(kept, float(every))
     return np.full(kept, 1.0 if rows.pointwise else (1.0 if rows.equation else 3.0) / (POINTS + 1))
 

@@ -157,7 +157,7 @@ def _rough(samples: Samples, solution: Solution) -> np.ndarray:
     fx = samples.values["fx"].reshape(samples.intervals, samples.width, -1) * half[:, None, None]
     legendre = np.linalg.inv(np.polynomial.legendre.legvander(lgr(POINTS).nodes, POINTS))
     tail = np.abs(np.einsum("kj,ijm->ikm", legendre[-2:], fx)).max(axis=(1, 2))
-    lawful = np.array(["*" not in solution.arcs[k].modes for k in samples.arc[:: samples.width]])
+    lawful = np.array([solution.arcs[k].lawful for k in samples.arc[:: samples.width]])
     rough = lawful & (tail > _SMOOTH)
     return np.array((0.5 * (samples.edges[1:] + samples.edges[:-1]))[rough])
 

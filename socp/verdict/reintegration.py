@@ -17,7 +17,6 @@ from socp.errors import MethodError
 from socp.model import (
     Arc,
     Feasibility,
-    Mode,
     Problem,
     Solution,
     barycentric,
@@ -193,7 +192,7 @@ def verify(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
 def _both(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
     as_time = [_time_pieces(arc) for arc in solution.arcs]
     found = [_verify(problem, solution, as_time, feedback=False)]
-    if all(mode != "*" for arc in solution.arcs for mode in arc.modes):
+    if all(arc.lawful for arc in solution.arcs):
         p = parameters_of(problem, solution)
         try:
             ends = [(float(arc.t[0]), float(arc.t[-1])) for arc in solution.arcs]
@@ -259,7 +258,7 @@ def _polynomial(times: np.ndarray, values: np.ndarray) -> Control:
 
 
 def _feedback(problem: Problem, arc: Arc, p: np.ndarray) -> Control:
-    law = laws.arc_law(problem, tuple(Mode.parse(mode) for mode in arc.modes))
+    law = laws.arc_law(problem, arc.modes)
     if law.costate:
         raise MethodError("a law that depends on the costate is no feedback in the state")
     function = casadi.Function("law", [problem.x, time, problem.p], [law.control])

@@ -35,8 +35,8 @@ def structure_of(problem: Problem, solution: Solution) -> dict[str, tuple[Stretc
             law = arc.modes[i]
             stretches += (
                 _read(problem, solution, arc, i)
-                if law == "*"
-                else [(law, float(arc.t[0]), float(arc.t[-1]))]
+                if law.kind == "free"
+                else [(str(law), float(arc.t[0]), float(arc.t[-1]))]
             )
         found[name] = _joined(stretches)
     return found

@@ -164,7 +164,13 @@ def to_mat(solution: "Solution", problem: "Problem | None" = None) -> bytes:
     fields = ("time", "state", "control", "costate", "modes")
     phases = np.empty((1, len(solution.arcs)), dtype=[(name, object) for name in fields])
     for k, arc in enumerate(solution.arcs):
-        phases[0, k] = (arc.t[:, None], arc.x.T, arc.u.T, arc.costate.T, _texts(arc.modes))
+        phases[0, k] = (
+            arc.t[:, None],
+            arc.x.T,
+            arc.u.T,
+            arc.costate.T,
+            _texts(map(str, arc.modes)),
+        )
     names = {
         "state": solution.state_names,
         "control": solution.control_names,

@@ -29,7 +29,7 @@ from socp.cli.session import named_after, writable
 from socp.cli.streams import Descriptor, parted
 from socp.errors import MethodError, ProblemError, SolveError
 from socp.model.data.files import write_atomic
-from socp.model.findings import Node
+from socp.model.findings import Condition, Node, Place
 from socp.model.solution import Stop
 from socp.process.output import aside
 from socp.process.text import file_stem, markdown, markdown_code, one_line, printable
@@ -634,7 +634,12 @@ def test_recordings_and_notebooks_show_text_as_it_is(socp: Command) -> None:
     problem = posed(title=STEERING)
     plain = Solution.load("cart.socp.json")
     assert plain.verdict is not None
-    finding = replace(plain.verdict.findings[0], condition=STEERING, where=STEERING)
+    finding = replace(
+        plain.verdict.findings[0],
+        kind=Condition.OTHER,
+        text=STEERING,
+        place=Place(of=STEERING),
+    )
     verdict = replace(plain.verdict, findings=(finding,), notes=(STEERING,))
     node = Node(word=STEERING, stop=STEERING, objective=1.0, bound=0.0, miss=0.0, residual=0.0)
     solution = replace(

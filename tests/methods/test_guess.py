@@ -10,6 +10,7 @@ import pytest
 from socp_problems.auv import problem as auv
 
 from socp.methods.guess import arranged, default_guess, guess_of, split
+from socp.model import Mode
 from socp.model.problem import Problem
 from socp.model.solution import Solution
 from socp.model.symbols import controls, final_time, initial_time, parameters, states, time
@@ -146,7 +147,7 @@ def test_arranging_cuts_a_solution_where_its_controls_switch() -> None:
     parts = arranged(cart(), bang([2.0, 7.0], [1, 0.3, -1], 10.0), Word.parse("+ s -", ["u"]))
     cuts = [float(arc.t[-1]) for arc in parts.arcs]
     assert cuts == pytest.approx([2.0, 7.0, 10.0], abs=0.11)  # one cell of its grid
-    assert [arc.modes for arc in parts.arcs] == [("*",)] * 3
+    assert [arc.modes for arc in parts.arcs] == [(Mode("free"),)] * 3
 
 
 def test_arranging_keeps_an_interval_for_an_arc_that_is_not_there() -> None:

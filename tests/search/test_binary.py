@@ -12,6 +12,7 @@ from socp.errors import MethodError
 from socp.laws import law as laws
 from socp.laws.modes import arc_modes
 from socp.methods.guess import default_guess, split
+from socp.model import Mode, Modes
 from socp.model.problem import Problem
 from socp.model.solution import Solution
 from socp.model.symbols import controls, final_time, states
@@ -82,13 +83,17 @@ def test_the_solution_along_a_word_is_a_point_of_the_reduction(
         assert ours.u[:, :-1] == pytest.approx(theirs.u[:, :-1], abs=1e-6)
 
 
+def modes_of(text: str) -> Modes:
+    return tuple(map(Mode.parse, text.split()))
+
+
 def test_binaries_are_the_papers_two_for_lower_upper_and_singular() -> None:
     choice = binary_modes(auv, 4).phases[0].choice
     assert choice is not None
     assert [str(mode) for mode in choice.modes[0]] == ["-", "+", "s"]
-    assert choice.values(("+", "b[u.upper]")).tolist() == [0, 1, 0, 1, 0]
-    assert choice.values(("s", "+")).tolist() == [0, 0, 0, 0, 0]
-    assert choice.values(("*", "+"))[:2] == pytest.approx(1 / 3)
+    assert choice.values(modes_of("+ b[u.upper]")).tolist() == [0, 1, 0, 1, 0]
+    assert choice.values(modes_of("s +")).tolist() == [0, 0, 0, 0, 0]
+    assert choice.values(modes_of("* +"))[:2] == pytest.approx(1 / 3)
 
 
 @given(st.integers(0, 10**6))
@@ -97,7 +102,7 @@ def test_binaries_read_back_as_the_modes_they_were_made_of(seed: int) -> None:
     modes = MODES[seed % len(MODES)]
     choice = binary_modes(auv, 0).phases[0].choice
     assert choice is not None
-    assert choice.read(choice.values(tuple(map(str, modes)))) == modes
+    assert choice.read(choice.values(modes)) == modes
 
 
 def test_rules_allow_what_has_a_law_and_forbid_the_rest() -> None:
@@ -109,14 +114,14 @@ def test_rules_allow_what_has_a_law_and_forbid_the_rest() -> None:
     assert choice is not None
     words = [(a, b) for a in MODES for b in MODES]
     for word in words:
-        value = (
-            rule(np.concatenate([choice.values(tuple(map(str, each))) for each in word]))
-            .full()
-            .ravel()
-        )
+        value = rule(np.concatenate([choice.values(each) for each in word])).full().ravel()
         assert bool(((value >= low) & (value <= high)).all()) == (word[0] != word[1])
-    missing = ("s", "b[u.lower]")  # backwards along u = 0 has no singular law
-    value = rule(np.concatenate([choice.values(missing), choice.values(("+", "+"))])).full().ravel()
+    missing = modes_of("s b[u.lower]")  # backwards along u = 0 has no singular law
+    value = (
+        rule(np.concatenate([choice.values(missing), choice.values(modes_of("+ +"))]))
+        .full()
+        .ravel()
+    )
     assert not ((value >= low) & (value <= high)).all()
 
 

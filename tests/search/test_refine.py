@@ -8,7 +8,7 @@ import pytest
 
 from socp import Problem, Solution, controls, states
 from socp.model.arc import Arc
-from socp.model.findings import Feasibility, Finding, Verdict
+from socp.model.findings import Condition, Feasibility, Finding, Place, Verdict
 from socp.model.solution import Stop
 from socp.model.symbols import final_time
 from socp.model.word import Mode
@@ -122,7 +122,7 @@ def test_equal_neighbours_are_merged() -> None:
     [(6.0, ["s +", "- +", "s +"]), (0.0, ["- +", "s +"]), (12.0, ["s +", "- +"])],
 )
 def test_an_arc_is_inserted_around_a_time_or_at_an_end(t: float, arcs: list[str]) -> None:
-    found = insert(made("s +"), 0, "-", t)
+    found = insert(made("s +"), 0, Mode("lower"), t)
     assert spelt(found) == arcs
     assert all(np.diff(found.edges) > 0)
     k = arcs.index("- +")
@@ -130,7 +130,7 @@ def test_an_arc_is_inserted_around_a_time_or_at_an_end(t: float, arcs: list[str]
 
 
 def test_inserting_what_is_there_already_changes_nothing() -> None:
-    assert spelt(insert(made("+ +", "- +"), 0, "+", 1.0)) == ["+ +", "- +"]
+    assert spelt(insert(made("+ +", "- +"), 0, Mode("upper"), 1.0)) == ["+ +", "- +"]
 
 
 def solved(tried: Candidate, verdict: Verdict | None = None, **more: object) -> Solution:
@@ -169,11 +169,11 @@ def test_an_arc_without_length_is_dropped_or_its_switches_swapped() -> None:
 
 def test_a_switching_function_of_the_wrong_sign_asks_for_an_arc_there() -> None:
     finding = Finding(
-        condition="switching function sign",
+        kind=Condition.SIGN,
         residual=1e-2,
-        where="u, stretch 1 (+)",
+        place=Place(control="u", stretch=1, mode=Mode("upper")),
         t=6.0,
-        wants="-",
+        wants=Mode("lower"),
     )
     tried = made("+ -")
     found = [
@@ -185,8 +185,13 @@ def test_a_switching_function_of_the_wrong_sign_asks_for_an_arc_there() -> None:
 
 def test_a_stretch_without_a_strict_sign_is_dropped() -> None:
     tried = made("+ -", "- -", "s -")
-    margins = {"u, stretch 1 (+)": 0.1, "u, stretch 2 (-)": -1e-9, "w, stretch 1 (-)": 0.1}
-    verdict = Verdict(miss=0.0, margins=margins, findings=(Finding(condition="a", residual=1e-8),))
+    stretches = (("u", 1, "+", 0.1), ("u", 2, "-", -1e-9), ("w", 1, "-", 0.1))
+    margins = {
+        Place(control=name, stretch=number, mode=Mode.parse(mode)): margin
+        for name, number, mode, margin in stretches
+    }
+    finding = Finding(kind=Condition.SWITCH, residual=1e-8)
+    verdict = Verdict(miss=0.0, margins=margins, findings=(finding,))
     assert [spelt(each) for each in mends(problem, tried, solved(tried, verdict))] == [
         ["+ -", "s -"]
     ]
@@ -255,8 +260,11 @@ def test_a_bang_bang_word_is_no_chattering() -> None:
 def test_a_search_that_fails_names_the_worst_that_is_left() -> None:
     verdict = Verdict(
         miss=0.0,
-        findings=(Finding(condition="a", residual=1e-3), Finding(condition="b", residual=0.1)),
+        findings=(
+            Finding(kind=Condition.INSIDE, residual=1e-3),
+            Finding(kind=Condition.SIGN, residual=0.1),
+        ),
     )
     search = Search(count=7, best=solved(made("+ -"), verdict))
     assert "7 tried" in explained(problem, search)
-    assert "b: 1.0e-01" in explained(problem, search)
+    assert "switching function sign: 1.0e-01" in explained(problem, search)

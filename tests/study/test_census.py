@@ -19,7 +19,7 @@ import pytest
 from socp import Problem, Solution, controls, states
 from socp.cli import main
 from socp.model.arc import Arc
-from socp.model.findings import Finding, Verdict
+from socp.model.findings import Condition, Finding, Verdict
 from socp.model.progress import Progress
 from socp.model.solution import Stop
 from socp.model.symbols import final_time
@@ -177,7 +177,7 @@ def made(
         side="both",
         modes=("*",),
     )
-    verdict = Verdict(miss=0.0, findings=(Finding(condition="c", residual=residual),))
+    verdict = Verdict(miss=0.0, findings=(Finding(kind=Condition.SIGN, residual=residual),))
     structure = {"u": ((modes[0], 0.0, switch), (modes[1], switch, 1.0))}
     return Solution(
         problem="p",

@@ -30,7 +30,16 @@ from socp import (
 )
 from socp.cli import main
 from socp.cli.show import facts
-from socp.model.findings import EXTREMAL, FEASIBLE, SHORTEST, Finding, Verdict
+from socp.model import Mode
+from socp.model.findings import (
+    EXTREMAL,
+    FEASIBLE,
+    SHORTEST,
+    Condition,
+    Finding,
+    Place,
+    Verdict,
+)
 from socp.model.solution import Stop
 from socp.registry.plugins import Registry
 from socp.search.conclusion import bettered, concluded, explained, foremost, pursued
@@ -317,11 +326,11 @@ def test_no_sign_is_left_out_of_a_verdict(seed: int) -> None:
     random, count = np.random.default_rng(seed), 40 * (POINTS + 1)
     size = laid.magnitude(np.zeros(laid.along.unknowns.size))
     signs = Rows(
-        "switching function sign",
+        Condition.SIGN,
         size * random.normal(size=(count, laid.along.unknowns.size)),
         size * (random.normal(size=count) - (4.0 if seed % 2 else -0.5)),
         np.linspace(0, 3, count),
-        ["u"] * count,
+        [Place(control="u", stretch=1, mode=Mode("upper"))] * count,
         equation=False,
         decisive=False,
         pointwise=False,
@@ -542,11 +551,17 @@ def test_the_judge_says_what_the_switching_function_asks_for() -> None:
     right = along(problem, "+ -")
     assert right.extremal
     assert right.objective == pytest.approx(-2.0, rel=1e-12)
-    assert {finding.wants for finding in verdict_of(along(problem, "+")).findings} >= {"-"}
-    for word, wanted in (("+", "-"), ("-", "+")):
+    assert Mode("lower") in {f.wants for f in verdict_of(along(problem, "+")).findings}
+    for word, wanted in (("+", "lower"), ("-", "upper")):
         wrong = along(problem, word)
-        asked = [f for f in verdict_of(wrong).findings if f.wants and not f.holds]
-        assert [f.wants for f in asked if f.condition == "switching function sign"] == [wanted]
+        (asked,) = [f for f in verdict_of(wrong).findings if f.kind is Condition.SIGN]
+        assert not asked.holds
+        assert asked.wants == Mode(wanted)
+        assert asked.place == Place(control="u", stretch=1, mode=Mode.parse(word))
+        assert (asked.condition, asked.where) == (
+            "switching function sign",
+            f"u, stretch 1 ({word})",
+        )
         assert {"0: + -", "0: - + -", "0: + - +"} & {
             each.key for each in mends(problem, spelled(wrong), wrong)
         }
@@ -562,7 +577,7 @@ def test_an_arc_that_the_switching_function_asks_for_is_found() -> None:
 
 
 def test_explained_tells_the_worst_reason() -> None:
-    finding = Finding(condition="a", residual=0.1, where="b")
+    finding = Finding(kind=Condition.OTHER, text="a", residual=0.1, place=Place(of="b"))
     word = replace(growth("+"), verdict=Verdict(miss=0.0, findings=(finding,)))
     said = explained(GROWTH, Search(best=word, count=3))
     assert said == "no word of the 3 tried is certified; the best one leaves: a on b: 1.0e-01"

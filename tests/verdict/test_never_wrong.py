@@ -156,7 +156,7 @@ def spoilt(problem: Problem, solution: Solution) -> Iterator[tuple[str, Solution
         for i in range(len(size)):
             bump = 1e-3 * (size * np.eye(size.size)[i])[:, None] * hump
             yield f"state {i} off on arc {k + 1}", change(k, {"x": arc.x + bump})
-        for i, mode in enumerate(arc.modes):
+        for i, mode in enumerate(map(str, arc.modes)):
             one = (np.arange(len(arc.modes)) == i)[:, None]
             for sign in (1, -1):
                 yield (

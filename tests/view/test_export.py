@@ -146,7 +146,7 @@ def test_mat_has_a_phase_an_arc(problem: Problem, solution: Solution) -> None:
         same(phase.state, arc.x.T)
         same(phase.control, arc.u.T)
         same(phase.costate, arc.costate.T)
-        assert [str(mode[0]) for mode in phase.modes[0]] == list(arc.modes)
+        assert [str(mode[0]) for mode in phase.modes[0]] == list(map(str, arc.modes))
     assert result.objective[0, 0] == solution.objective
     assert [str(name[0]) for name in result.names[0, 0].state[0]] == ["x", "v"]
     assert [str(unit[0]) for unit in result.units[0, 0].state[0]] == ["m", "m/s"]

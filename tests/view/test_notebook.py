@@ -13,7 +13,7 @@ import pytest
 
 from socp import Problem, Solution, default_guess, errors, run
 from socp.errors import MethodError
-from socp.model.findings import Finding
+from socp.model.findings import Condition, Finding, Place
 from socp.model.solution import Stop
 from socp.registry.plugins import Registry
 
@@ -135,7 +135,16 @@ def test_verdict_shows_every_condition(solution: Solution) -> None:
         assert f"{finding.residual:.1e}" in text
     assert "broken" not in text
     broken = replace(
-        verdict, findings=(Finding(condition="one <of> them", residual=0.5, where="arc 1", t=0.25),)
+        verdict,
+        findings=(
+            Finding(
+                kind=Condition.OTHER,
+                text="one <of> them",
+                residual=0.5,
+                place=Place(arc=1),
+                t=0.25,
+            ),
+        ),
     )
     text = seen(broken._repr_html_())
     assert "one <of> them" in text

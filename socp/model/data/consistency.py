@@ -12,7 +12,8 @@ import numpy as np
 
 from socp.errors import MethodError, ProblemError
 from socp.model.data import stated
-from socp.model.data.schema import Arc, Result
+from socp.model.data.schema import Arc, Finding, Result
+from socp.model.findings import Condition
 from socp.model.word import Mode
 
 SCHEMAS = (1, 2)  # versions of the layout that are read; in the first, results carried no statement
@@ -41,6 +42,8 @@ def document(text: str) -> dict[str, Any]:
         _statement(result, result.statement)
     for k, arc in enumerate(result.arcs):
         _arc(f"arcs[{k}]", arc, result)
+    for k, finding in enumerate(result.verdict.findings if result.verdict else ()):
+        _finding(f"verdict.findings[{k}]", finding)
     _in_order(result.arcs)
     _structure(result)
     if result.statement is not None:
@@ -67,7 +70,7 @@ def follow(result: Any, constraints: Sequence[str]) -> None:
     """
     known = set(constraints)
     for k, arc in enumerate(result.arcs):
-        modes = [Mode.parse(text).constraint for text in arc.modes]
+        modes = [Mode.parse(str(mode)).constraint for mode in arc.modes]
         for field, its in (
             ("modes", [each for each in modes if each]),
             ("multipliers", arc.multipliers),
@@ -204,6 +207,19 @@ def _row(where: str, row: Any, count: int) -> None:
         raise ProblemError(
             f"{where}[{large[0]}]: {values[large[0]]} where at most {LARGEST:g} is allowed"
         )
+
+
+def _finding(where: str, finding: Finding) -> None:
+    """Check the modes of a finding, and that its kind is the one that its words are for."""
+    for field, mode in (("wants", finding.wants), ("mode", finding.mode)):
+        if mode:
+            _mode(f"{where}.{field}", mode)
+    kind, there = finding.kind, Condition.__members__
+    if kind and kind not in there:
+        raise ProblemError(f"{where}.kind: '{kind}'; there are {', '.join(there)}")
+    if kind and kind != "OTHER" and there[kind].value != finding.condition:
+        words = f"the words for {kind} are '{there[kind].value}'"
+        raise ProblemError(f"{where}.condition: {_shown(finding.condition)}, but {words}")
 
 
 def _mode(where: str, text: str) -> None:

@@ -16,7 +16,16 @@ from socp.errors import ProblemError, SolveError
 from socp.model.arc import Arc
 from socp.model.data import consistency
 from socp.model.data.stated import number, shown
-from socp.model.findings import Agreement, Feasibility, Finding, Node, Verdict
+from socp.model.findings import (
+    Agreement,
+    Condition,
+    Feasibility,
+    Finding,
+    Node,
+    Place,
+    Verdict,
+)
+from socp.model.word import Mode
 
 SCHEMA = 2  # version of the result file that is written
 T = TypeVar("T")
@@ -73,7 +82,9 @@ def _fields(document: Mapping[str, Any]) -> dict[str, Any]:
         if document["agreement"] is None
         else Agreement(**_numbers(document["agreement"])),
         "verified": tuple(Feasibility(**_feasibility(each)) for each in document["verified"]),
-        "verdict": None if document["verdict"] is None else _verdict(document["verdict"]),
+        "verdict": None
+        if document["verdict"] is None
+        else _verdict(document["verdict"], _stretches(document["structure"])),
         **{name: tuple(document[name]) for name in ("state_names", "control_names")},
     }
 
@@ -113,6 +124,10 @@ def _plain(value: Any) -> Any:
         value = value.tolist()
     if isinstance(value, Enum):
         value = value.name
+    elif isinstance(value, Mode):
+        value = str(value)
+    elif isinstance(value, Finding):
+        value = _plain(value.data)
     elif is_dataclass(value):
         value = {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
     elif isinstance(value, Mapping):
@@ -139,16 +154,48 @@ def _feasibility(data: Mapping[str, Any]) -> dict[str, Any]:
     return {**data, **figures, "end": tuple(number(v) for v in data["end"])}
 
 
-def _verdict(data: Mapping[str, Any]) -> Verdict:
+def _stretches(structure: Mapping[str, Any]) -> dict[str, Place]:
+    """Return the stretches of every control by what they are called in words."""
+    places = [
+        Place(control=name, stretch=k, mode=Mode.parse(mode))
+        for name, row in structure.items()
+        for k, (mode, _, _) in enumerate(row, start=1)
+    ]
+    return {str(place): place for place in places}
+
+
+def _finding(data: Mapping[str, Any], stretches: Mapping[str, Place]) -> Finding:
+    """Return a finding, one of an older file by the words for it: its condition's, its place's."""
+    words, where, mode = data["condition"], data["where"], data.get("mode")
+    kind = next((each for each in Condition if each.value == words), Condition.OTHER)
+    place = Place(
+        control=data.get("control"),
+        of=data.get("of", ""),
+        stretch=data.get("stretch"),
+        arc=data.get("arc"),
+        mode=Mode.parse(mode) if mode else None,
+    )
+    return Finding(
+        kind=kind,
+        residual=number(data["residual"]),
+        place=place if "kind" in data else stretches.get(where, Place(of=where)),
+        t=data["t"],
+        wants=Mode.parse(data["wants"]) if data["wants"] else None,
+        text=words if kind is Condition.OTHER else "",
+    )
+
+
+def _verdict(data: Mapping[str, Any], stretches: Mapping[str, Place]) -> Verdict:
     figures = {name: number(data[name]) for name in ("miss", "normality", "objective_error")}
     figures["remaining_error"] = number(
         data.get("remaining_error")
     )  # older files have none, nor `flat`
-    named = ("legendre_clebsch", "margins", "ringing")
+    named = ("legendre_clebsch", "ringing")
     tables = {name: {k: number(v) for k, v in data[name].items()} for name in named}
-    findings = tuple(
-        Finding(**{**each, "residual": number(each["residual"])}) for each in data["findings"]
-    )
+    findings = tuple(_finding(each, stretches) for each in data["findings"])
+    margins = {
+        stretches.get(name, Place(of=name)): number(v) for name, v in data["margins"].items()
+    }
     errors = tuple((float(t), number(error)) for t, error in data["switch_errors"])
     flat = tuple((float(t), number(reach)) for t, reach in data.get("flat", ()))
     pairs = {"switch_errors": errors, "flat": flat}
@@ -158,6 +205,7 @@ def _verdict(data: Mapping[str, Any]) -> Verdict:
         **tables,
         **pairs,
         "findings": findings,
+        "margins": margins,
         "notes": tuple(data["notes"]),
     }
     given["chattering"] = tuple(data["chattering"])
@@ -174,5 +222,5 @@ def _arc(data: Mapping[str, Any]) -> Arc:
         k: np.array([_row(r) for r in data[k]]).reshape(-1, t.size) for k in ("x", "u", "costate")
     }
     multipliers = {name: _row(values) for name, values in data["multipliers"].items()}
-    mesh, modes = np.array(data["mesh"], dtype=int), tuple(data["modes"])
+    mesh, modes = np.array(data["mesh"], dtype=int), tuple(map(Mode.parse, data["modes"]))
     return Arc(t=t, mesh=mesh, side=data["side"], modes=modes, multipliers=multipliers, **matrices)

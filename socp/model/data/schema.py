@@ -61,6 +61,12 @@ class Finding(Record):
     where: str
     t: Number
     wants: str
+    kind: str = ""  # older files have none, nor what follows: there it is in words alone
+    control: str | None = None
+    of: str = ""
+    stretch: Count | None = None
+    arc: Count | None = None
+    mode: str = ""
 
 
 class Verdict(Record):

@@ -15,8 +15,8 @@ import casadi
 import numpy as np
 
 from socp import laws
-from socp.laws import Modes, arc_modes
-from socp.model import Expr, Problem, column, final_time, initial_time, time, walked
+from socp.laws import arc_modes
+from socp.model import Expr, Modes, Problem, column, final_time, initial_time, time, walked
 from socp.process import one_line
 from socp.search.integer.bounds import enclosed, reachable
 from socp.search.integer.reduction import binary_modes
@@ -102,7 +102,7 @@ def disjunctive(
         [MODEL],
         _values(start) if start is not None else [],
     )
-    binaries = tuple(tuple(choice.values(tuple(map(str, each))).tolist()) for each in combinations)
+    binaries = tuple(tuple(choice.values(each).tolist()) for each in combinations)
     return Disjunctive("\n".join(line for part in parts for line in part), binaries)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from socp.errors import MethodError
 from socp.laws import arc_modes
-from socp.model import Mode, Node, Problem, Solution, Stop, Watch, Word, final_time, silent
+from socp.model import Modes, Node, Problem, Solution, Stop, Watch, Word, final_time, silent
 from socp.search.integer.bounds import reachable
 from socp.search.integer.disjunctive import disjunctive
 from socp.search.integer.reduction import binary_modes
@@ -140,7 +140,7 @@ def available(solver: str) -> Solver:
 
 def _told(problem: Problem, solution: Solution, outcome: Outcome, seconds: float) -> Solution:
     """Return the lifted point with what is known of it."""
-    arcs = tuple(tuple(map(Mode.parse, arc.modes)) for arc in solution.arcs)
+    arcs = tuple(arc.modes for arc in solution.arcs)
     word = str(Word(problem.control_names, arcs)) if outcome.found else ""
     parts = [outcome.point.message]
     if outcome.found:
@@ -238,7 +238,7 @@ def _seeds(task: Task) -> list[list[int]]:
     """Return words to try first: those of the layouts, short arcs one bang away from a
     neighbour.
     """
-    combinations = [tuple(map(str, each)) for each in arc_modes(task.problem)]
+    combinations = arc_modes(task.problem)
     found: list[list[int]] = []
     for layout in task.layouts:
         arcs = [arc.modes for arc in layout.arcs]
@@ -261,14 +261,12 @@ def _apart(k: int, other: int) -> int:
     return abs(k - other)
 
 
-def _one_away(
-    modes: tuple[str, ...], combinations: Sequence[tuple[str, ...]]
-) -> list[tuple[str, ...]]:
+def _one_away(modes: Modes, combinations: Sequence[Modes]) -> list[Modes]:
     """Return the combinations that differ from some modes in one control, which is at a bound."""
     found = []
     for each in combinations:
         changed = [mode for mode, own in zip(each, modes, strict=True) if mode != own]
-        if len(changed) == 1 and changed[0] in {"+", "-"}:
+        if len(changed) == 1 and changed[0].kind in {"lower", "upper"}:
             found.append(each)
     return found
 

@@ -17,8 +17,8 @@ import numpy as np
 
 from socp import laws
 from socp.errors import MethodError
-from socp.laws import Modes, admissible, arc_modes, evaluator
-from socp.model import Expr, Mode, Problem, column, time
+from socp.laws import admissible, arc_modes, evaluator
+from socp.model import Expr, Mode, Modes, Problem, column, time
 from socp.search.integer.bounds import enclosed
 from socp.transcription import Choice, Phase, PhasedProblem, Row
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from socp.methods import scouts, solve_collocated, split
-from socp.model import Problem, Solution, Stop, Watch, silent
+from socp.model import Mode, Problem, Solution, Stop, Watch, silent
 from socp.search.candidate import Candidate
 from socp.search.reading import read
 from socp.solvers import Ipopt
@@ -49,13 +49,13 @@ def _cut(direct: Solution, seen: Candidate, edges: list[float]) -> Solution:
     be anything.
     """
     cut = split(direct, np.diff(edges).tolist())
-    unknown = ("*",) * len(direct.control_names)
+    unknown = (Mode("free"),) * len(direct.control_names)
     arcs = []
     for arc in cut.arcs:
         middle = float(arc.t[[0, -1]].mean())
         k = min(int(np.searchsorted(seen.edges[1:-1], middle)), len(seen.arcs) - 1)
         known = np.ptp(arc.t) >= 0.5 * (seen.edges[k + 1] - seen.edges[k])
-        arcs.append(replace(arc, modes=tuple(map(str, seen.arcs[k])) if known else unknown))
+        arcs.append(replace(arc, modes=seen.arcs[k] if known else unknown))
     return replace(cut, arcs=tuple(arcs))
 
 
