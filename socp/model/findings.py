@@ -137,7 +137,6 @@ class Condition(Enum):
     CONSTRAINT_SIGN = "sign of a constraint's multiplier"
     JUMP_SIGN = "sign of a jump"
     MOTION = "states are those of the controls"
-    DRIFT = "states are those of the re-integrated control"
     OBJECTIVE = "objective is that of the states and controls"
     MODE = "control keeps the mode of its arc"
     PARAMETER_RANGE = "parameter within its interval"
@@ -259,8 +258,9 @@ class Verdict:
     """The judgement of one solution by `socp.verdict.certify.certify`.
 
     - miss: the largest figure of re-integration, relative: a violation of ends, state
-      constraints or box, or how far the motion and its objective are from the states and the
-      objective returned; miss_at: what it is of, as text;
+      constraints or box, or how far its objective is from the returned one; miss_at: what it is
+      of, as text;
+    - drift: how far the returned states are from those that the re-integrated control goes through;
     - findings: every condition of the principle with its residual;
     - distance: the least worst-case residual that any multipliers leave, found by a linear
       programme over all nodes, in the magnitude of the findings; None where the first
@@ -298,6 +298,7 @@ class Verdict:
     chattering: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     miss_at: str = ""
+    drift: float = 0.0
 
     @property
     def feasible(self) -> bool:
@@ -319,6 +320,11 @@ class Verdict:
         if not self.miss <= EXTREMAL:
             what = f": {self.miss_at}" if self.miss_at else ""
             found.insert(0, f"the re-integrated control is off by {self.miss:.1e}{what}")
+        if not self.drift <= EXTREMAL:
+            text = (
+                f"the returned states are not those of the re-integrated control: {self.drift:.1e}"
+            )
+            found.append(text)
         level = min(
             self.residual, EXTREMAL
         )  # a sign shows only where it stands out of the residuals

@@ -94,6 +94,7 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
     verdict = Verdict(
         miss=max((f.off for f in solution.verified), default=float("inf")),
         miss_at=max(solution.verified, key=lambda f: f.off).off_at if solution.verified else "",
+        drift=max((f.drift for f in solution.verified), default=0.0),
         findings=findings,
         distance=distance,
         normality=min(laid.cost / size, 1.0),

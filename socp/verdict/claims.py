@@ -39,7 +39,6 @@ def claims(along: Along, density: np.ndarray, size: float) -> Iterator[Finding]:
     magnitude `size`.
     """
     yield _motion(along)
-    yield _drift(along.solution)
     yield _objective(along)
     yield from _modes(along, density, size)
     yield from _parameters(along)
@@ -92,15 +91,6 @@ def _motion(along: Along) -> Finding:
         residual=float(off[i, k]),
         place=place,
         t=float(samples.edges[k]),
-    )
-
-
-def _drift(solution: Solution) -> Finding:
-    """Find how far the states are from those that the control, re-integrated, goes through."""
-    drift = max((found.drift for found in solution.verified), default=np.inf)
-    return Finding(
-        kind=Condition.DRIFT,
-        residual=np.inf if np.isnan(drift) else drift,
     )
 
 

@@ -124,7 +124,7 @@ def test_states_that_are_not_those_of_the_control_are_no_extremal_with_free_ends
     judged = judge(posed(), replace(made, arcs=(replace(made.arcs[0], x=values),)))
     assert not judged.extremal
     reasons = verdict_of(judged).reasons
-    assert any(reason.startswith("states are those of the re-int") for reason in reasons)
+    assert any(reason.startswith("the returned states are not those") for reason in reasons)
 
 
 def test_a_grid_of_some_hundred_steps_is_still_feasible_and_a_coarse_one_is_not() -> None:

@@ -187,9 +187,9 @@ def _finding(data: Mapping[str, Any], stretches: Mapping[str, Place]) -> Finding
 
 def _verdict(data: Mapping[str, Any], stretches: Mapping[str, Place]) -> Verdict:
     figures = {name: number(data[name]) for name in ("miss", "normality", "objective_error")}
-    figures["remaining_error"] = number(
-        data.get("remaining_error")
-    )  # older files have none, nor `flat`
+    # older files have none of these, nor `flat`
+    figures["remaining_error"] = number(data.get("remaining_error"))
+    figures["drift"] = number(data.get("drift", 0.0))
     named = ("legendre_clebsch", "ringing")
     tables = {name: {k: number(v) for k, v in data[name].items()} for name in named}
     findings = tuple(_finding(each, stretches) for each in data["findings"])

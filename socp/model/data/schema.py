@@ -87,6 +87,7 @@ class Verdict(Record):
     remaining_error: Number = None  # older files have none, nor `flat`
     flat: tuple[tuple[float, Number], ...] = ()
     miss_at: str = ""
+    drift: Number = 0.0
 
 
 class Agreement(Record):
