@@ -127,7 +127,7 @@ def test_conditions_of_another_version_keep_their_words(wrong: Solution) -> None
         ("wants", "x", "wants: 'x' is no mode"),
         ("mode", "?", "mode: '?' is no mode"),
         ("kind", "LUCK", "kind: 'LUCK'; there are INSIDE, SIGN"),
-        ("kind", "DRIFT", "condition: "),
+        ("kind", "MOTION", "condition: "),
         ("condition", "luck", "condition: 'luck', but the words for"),
         ("stretch", -1, "stretch: "),
     ],
