@@ -11,7 +11,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from socp import (
-    Ipopt,
+    Backend,
     Method,
     MethodError,
     Problem,
@@ -35,6 +35,7 @@ from socp.search import (
     Coarse,
     Ration,
     all_words,
+    along_words,
     count,
     merged,
     missed,
@@ -43,12 +44,11 @@ from socp.search import (
     softened,
     without,
 )
+from socp.solvers import default_backend
 from socp.transcription import radau_iia
 from socp.verdict import chattering, judge
 
-_DIRECT = Ipopt(
-    {"max_iter": 500}
-)  # what a direct solve has not reached by then it hardly ever reaches
+_ITERATIONS = 500  # what a direct solve has not reached by then it hardly ever reaches
 _STEPS = 50  # intervals of the finer direct solves, where the scouts' words lead nowhere
 _MOST = 12  # switches that are tried where their number is not given
 _LARGEST = 99  # switches that may be allowed
@@ -78,6 +78,7 @@ class Mboc(Method):
     starts: int = option(
         12, "coarse solves from scattered guesses, at most, to find the best extremal", least=1
     )
+    backend: Backend = option(default_backend(), "solver of the nonlinear programmes")
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
         """Search for a word that the judge certifies; else return the best with what is left open
@@ -94,7 +95,8 @@ class Mboc(Method):
                 f"mboc: problem '{problem.name}' has no law on any arc; give laws, or solve it "
                 "directly"
             )
-        coarse = Coarse(problem, lambda _: problem, self.points, Ration())
+        ration = Ration(backend=along_words(self.backend))
+        coarse = Coarse(problem, lambda _: problem, self.points, ration)
         branching, directs = Branching(coarse, modes, most, most), list[Solution]()
         branching.until = time.monotonic() + self.time
         try:
@@ -148,11 +150,12 @@ class Mboc(Method):
 
     def _directs(self, problem: Problem, guess: Solution, watch: Watch) -> Iterator[Solution]:
         """Yield direct solutions, the coarse ones first, the best of them at the head."""
-        met = scouts(problem, guess, self.starts, watch)
+        met = scouts(problem, guess, self.starts, watch, self.backend)
         yield from met
+        direct = self.backend.limited(_ITERATIONS)
         for start in (*met, guess):
             yield solve_collocated(
-                single_phase(problem), [uniform(radau_iia(2), _STEPS)], _DIRECT, start, watch
+                single_phase(problem), [uniform(radau_iia(2), _STEPS)], direct, start, watch
             )
 
     def _seeds(
@@ -177,11 +180,13 @@ class Mboc(Method):
         from socp.search import minlp
 
         problem = branching.coarse.problem
-        met = scouts(problem, guess, self.starts, watch) or [guess]
+        met = scouts(problem, guess, self.starts, watch, self.backend) or [guess]
         seed = next(self._seeds(problem, met[0], branching.modes), None)
         switches = (len(seed.arcs) - 1 if seed else 2) if self.switches == "auto" else self._most()
         branching.switches = switches
-        found = minlp(problem, self.solver, switches, self.points, self.time, met[0], watch)
+        found = minlp(
+            problem, self.solver, switches, self.points, self.time, met[0], watch, self.backend
+        )
         directs.append(found)
         branching.nodes += found.nodes
         if not found.stop.ok and found.stop is not Stop.LIMIT:

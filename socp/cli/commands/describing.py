@@ -9,7 +9,7 @@ import click
 from rich.table import Table
 from rich.text import Text
 
-from socp.cli.options import backend_name, has_options
+from socp.cli.options import backend_name, backends, has_options
 from socp.cli.session import Exit, Session, heading, show
 from socp.errors import MethodError, ProblemError
 from socp.process import short
@@ -76,7 +76,8 @@ def option_rows(method: "type[Method]") -> Iterator[tuple[str, str, str, str]]:
                 each.name,
                 kind,
                 backend,
-                f"{about}; {backend}.NAME=VALUE sets any of its own options",
+                f"{about}: {' or '.join(backends(each, hint))}; {backend}.NAME=VALUE sets any of "
+                "its own options",
             )
         else:
             default = "required" if each.default is MISSING else str(each.default) or "''"
