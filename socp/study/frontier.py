@@ -14,10 +14,10 @@ from socp.process import breakable
 from socp.search import (
     Candidate,
     Joint,
+    along_words,
     changed,
     dropped,
     left_out,
-    along_words,
     mends,
     put_in,
     read,

@@ -71,13 +71,12 @@ def option_rows(method: "type[Method]") -> Iterator[tuple[str, str, str, str]]:
         least, most = allowed(each, whole=False)
         kind = getattr(hint, "__name__", str(hint)).lower()
         if has_options(each):
-            backend = backend_name(each)
+            backend, any_of = backend_name(each), " or ".join(backends(each, hint))
             yield (
                 each.name,
                 kind,
                 backend,
-                f"{about}: {' or '.join(backends(each, hint))}; {backend}.NAME=VALUE sets any of "
-                "its own options",
+                f"{about}: {any_of}; {backend}.NAME=VALUE sets any of its own options",
             )
         else:
             default = "required" if each.default is MISSING else str(each.default) or "''"

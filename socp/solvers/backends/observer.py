@@ -34,7 +34,6 @@ class Observer(casadi.Callback):  # type: ignore[misc]
         self.stage, (self.low, self.high) = stage, nlp.g_box
         self.watch, self.stop, self.count = watch, False, 0
         self.error: BaseException | None = None
-        self.last: np.ndarray | None = None  # where a solver that breaks off has been
         self.whole = whole
         self.construct("observer", {})
 
@@ -66,9 +65,8 @@ class Observer(casadi.Callback):  # type: ignore[misc]
     def eval_buffer(self, given: Sequence[memoryview], asked: Sequence[memoryview]) -> int:
         """Show an iteration and answer whether to stop."""
         try:
-            self.last = np.frombuffer(given[0]).copy()
             if self.watch is not silent and self.error is None:
-                self._show(self.last, given)
+                self._show(np.frombuffer(given[0]).copy(), given)
             self.count += 1
         except BaseException as error:  # noqa: BLE001 - anything raised here would vanish in the solver
             self.error, self.stop = error, True

@@ -41,7 +41,8 @@ _STOPS = {
 }
 _STUCK = "Terminated with feasible small step"
 _TRUTH = {"yes": True, "no": False}
-# casadi loses the point where rounding leaves Uno no further step: from there, it is asked for less
+# casadi loses the point where rounding leaves Uno no further step: then it is asked for less, from
+# the guess again, since near the solution it has no step either
 _ROUNDING = 1e-8
 _SAID = "Uno: Converged as far as rounding allows"
 _RAISED = "An exception was raised in the solver"
@@ -102,10 +103,10 @@ class Uno:
         built = time.perf_counter()
         with requesting(observer.ask):
             found = _solved(solver, small, point, observer)
-            if found is None and observer.last is not None:
+            if found is None and not observer.stop:
                 loose = {each: max(_ROUNDING, settings[each]) for each in _TOLERANCES}
                 solver = _solver(small, observer, settings | loose)
-                found = _solved(solver, small, NLPPoint(v=observer.last), observer)
+                found = _solved(solver, small, point, observer)
                 if found is not None and found.stop is Stop.SOLVED:
                     found = replace(found, stop=Stop.ACCEPTABLE, message=_SAID)
         if observer.error is not None:
