@@ -1,6 +1,9 @@
 """What every backend of the table does: Ipopt's conventions, honest stops, a clean end, silence."""
 
 import ctypes
+import os
+import signal
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -107,6 +110,28 @@ def test_a_watch_stops_it_and_what_it_raises_comes_out(make: Made) -> None:
 
     with pytest.raises(ZeroDivisionError, match="in the watch"):
         make()(programme(ROSENBROCK), at(-1, 1.5), broken)
+
+
+def test_ctrl_c_stops_a_solve(make: Made) -> None:
+    """It comes from outside while the solver is at work, and the last iterate comes back."""
+    seen = threading.Event()
+
+    def interrupt() -> None:
+        seen.wait(5)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=interrupt)
+
+    def watch(now: Progress) -> bool:
+        if now.iteration == 2:
+            seen.set()
+            thread.join()
+        return False
+
+    thread.start()
+    point = make()(programme(ROSENBROCK), at(-1, 1.5), watch)
+    assert point.stop is Stop.INTERRUPTED
+    assert np.isfinite(point.v).all()
 
 
 def test_what_cannot_be_met_or_computed_is_said(make: Made) -> None:
