@@ -8,7 +8,6 @@ from typing import ClassVar, final
 
 from socp import (
     Backend,
-    Ipopt,
     Method,
     Problem,
     Solution,
@@ -22,13 +21,12 @@ from socp import (
 )
 from socp.methods import scouts
 from socp.model import Stop
-from socp.search import Search, concluded, pursued, refine, trusted
+from socp.search import Ration, Search, along_words, concluded, pursued, refine, trusted
+from socp.solvers import default_backend
 from socp.study import limited
 from socp.transcription import euler, radau_iia
 
-_DIRECT = Ipopt(
-    {"max_iter": 500}
-)  # what a direct solve has not reached by then it hardly ever reaches
+_ITERATIONS = 500  # what a direct solve has not reached by then it hardly ever reaches
 
 
 @final
@@ -51,13 +49,13 @@ class Auto(Method):
     max_switches: int = option(
         6, "most switches of the best word where the control chatters; 0: any number", least=0
     )
-    backend: Backend = option(_DIRECT, "solver of the first direct solves")
+    backend: Backend = option(default_backend(), "solver of the nonlinear programmes")
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
         """Scout from scattered guesses, then refine the best found until a word is certified; else
         return the best.
         """
-        began, search, directs = time.perf_counter(), Search(), list[Solution]()
+        began, search, directs = time.perf_counter(), self._search(), list[Solution]()
         try:
             found = self._searched(problem, guess, (search, directs), watch)
             if found.extremal:
@@ -75,14 +73,15 @@ class Auto(Method):
         self, problem: Problem, guess: Solution, known: tuple[Search, list[Solution]], watch: Watch
     ) -> Solution:
         search, directs = known
+        backend = self.backend.limited(_ITERATIONS)
         meshes = uniform(radau_iia(2), self.steps // 2), uniform(euler(), 2 * self.steps)
-        met = scouts(problem, guess, self.starts, watch)
+        met = scouts(problem, guess, self.starts, watch, self.backend)
         for start in (*met, guess):
             if start.stop is Stop.INTERRUPTED:
                 return start
             shown: list[Solution] = []
             for mesh in meshes:
-                direct = solve_collocated(single_phase(problem), [mesh], self.backend, start, watch)
+                direct = solve_collocated(single_phase(problem), [mesh], backend, start, watch)
                 directs.append(direct)
                 if direct.stop is Stop.INTERRUPTED:
                     return search.best or direct
@@ -97,7 +96,11 @@ class Auto(Method):
                 break
         hand = [*directs, *met]
         pursued(problem, search, hand, watch)
-        return limited(problem, concluded(problem, search, hand, watch), self.max_switches, watch)
+        found = concluded(problem, search, hand, watch)
+        return limited(problem, found, self.max_switches, watch, self.backend)
+
+    def _search(self) -> Search:
+        return Search(backend=Ration(backend=along_words(self.backend)))
 
 
 @hookimpl

@@ -8,7 +8,6 @@ from typing import ClassVar, final
 
 from socp import (
     Backend,
-    Ipopt,
     Method,
     MethodError,
     Problem,
@@ -24,8 +23,10 @@ from socp import (
 )
 from socp.methods import Follower, arranged, sound, split
 from socp.model import Stop
+from socp.solvers import default_backend
 from socp.transcription import euler, lgr
 
+_TOLERANCE = 1e-11  # of the solver: switching times to many digits
 _COARSE = 100  # steps of the coarse solve: enough to show the arcs, few enough to cost nothing
 
 
@@ -59,7 +60,7 @@ class LgrMultiphase(Method):
         "size of the states' last Legendre coefficients, relative, that ends refinement",
         least=1e-15,
     )
-    backend: Backend = option(Ipopt({"tol": 1e-11}), "solver of the nonlinear programme")
+    backend: Backend = option(default_backend(), "solver of the nonlinear programme")
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
         """Solve on phases of free lengths; along a word, on meshes that are refined until the
@@ -67,21 +68,22 @@ class LgrMultiphase(Method):
 
         Where the guess leads nowhere along a word, a coarse solve without it gives another.
         """
+        backend = self.backend.within(_TOLERANCE)
         if not self.word:
             phased, meshes = (
                 single_phase(problem, self.phases),
                 [uniform(lgr(self.points or 40), self.intervals or 1)],
             )
             return solve_collocated(
-                phased, meshes * self.phases, self.backend, self._cut(guess, self.phases), watch
+                phased, meshes * self.phases, backend, self._cut(guess, self.phases), watch
             )
         word = Word.parse(self.word, problem.control_names)
-        follower = Follower(self.points or 10, self.intervals, self.tolerance, backend=self.backend)
+        follower = Follower(self.points or 10, self.intervals, self.tolerance, backend=backend)
         solution = follower(problem, word, self._cut(guess, len(word.arcs)), watch)
         if sound(problem, solution) or solution.stop is Stop.INTERRUPTED:
             return solution
         coarse = solve_collocated(
-            single_phase(problem), [uniform(euler(), _COARSE)], Ipopt(), guess, watch
+            single_phase(problem), [uniform(euler(), _COARSE)], self.backend, guess, watch
         )
         again = replace(follower, boxed=True)(problem, word, arranged(problem, coarse, word), watch)
         better = again if again.stop.ok or not solution.stop.ok else solution

@@ -5,8 +5,9 @@ be.
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from socp import Method, Problem, Solution, Watch, hookimpl, option, silent
+from socp import Backend, Method, Problem, Solution, Watch, hookimpl, option, silent
 from socp.search import BoundedSearch
+from socp.solvers import default_backend
 
 
 @final
@@ -29,12 +30,15 @@ class Mboc(Method):
     starts: int = option(
         12, "coarse solves from scattered guesses, at most, to find the best extremal", least=1
     )
+    backend: Backend = option(default_backend(), "solver of the nonlinear programmes")
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
         """Search for a word that the judge certifies; else return the best with what is left open
         in its message.
         """
-        search = BoundedSearch(self.switches, self.points, self.solver, self.time, self.starts)
+        search = BoundedSearch(
+            self.switches, self.points, self.solver, self.time, self.starts, self.backend
+        )
         return search.solve(problem, guess, watch)
 
 

@@ -45,17 +45,20 @@ def build(method: "type[Method]", given: Iterable[tuple[str, str]]) -> "Method":
 
     fields = {each.name: each for each in options(method)}
     hints = get_type_hints(method)
-    values: dict[str, Any] = {}
+    given, values = list(given), dict[str, Any]()
+    for key, text in given:
+        if key in fields and _swappable(fields[key], hints[key]):
+            values[key] = _named(f"{method.name}: {key}", text)
     for key, text in given:
         holder, dot, inner = key.partition(".")
         if dot:
-            name = _backend(method, fields, holder)
+            name = _backend(method, fields, values, holder)
             values[name] = _with_option(values.get(name, _default(fields[name])), inner, text)
         elif key not in fields:
             raise MethodError(
                 f"{method.name} has no option '{key}'{suggest(key, _settable(fields))}"
             )
-        else:
+        elif key not in values or not _swappable(fields[key], hints[key]):
             values[key] = _convert(f"{method.name}: {key}", hints[key], text)
     missing = [name for name, each in fields.items() if required(each) and name not in values]
     if missing:
@@ -92,10 +95,8 @@ def accepted(method: "type[Method]") -> set[str]:
     """
     from socp.methods import options
 
-    fields = options(method)
-    return {each.name for each in fields} | {
-        backend_name(each) for each in fields if has_options(each)
-    }
+    fields, hints = options(method), get_type_hints(method)
+    return {name for each in fields for name in (each.name, *backends(each, hints[each.name]))}
 
 
 def has_options(each: "Field[Any]") -> bool:
@@ -103,9 +104,42 @@ def has_options(each: "Field[Any]") -> bool:
     return hasattr(_default(each), "options")
 
 
+def backends(each: "Field[Any]", hint: Any) -> list[str]:
+    """Return the names of the backends that an option may be, its default first; none where it is
+    no backend.
+    """
+    if not has_options(each):
+        return []
+    from socp.solvers import BACKENDS
+
+    name = backend_name(each)
+    others = BACKENDS if _swappable(each, hint) else ()
+    return [name, *(other for other in others if other != name)]
+
+
 def backend_name(each: "Field[Any]") -> str:
     """Return the name of a backend in front of its options, such as `ipopt`."""
-    return type(_default(each)).__name__.lower()
+    return _name(_default(each))
+
+
+def _name(backend: Any) -> str:
+    return str(getattr(backend, "name", type(backend).__name__.lower()))
+
+
+def _swappable(each: "Field[Any]", hint: Any) -> bool:
+    """Tell whether any backend will do for an option."""
+    from socp.solvers import Backend
+
+    return hint is Backend and has_options(each)
+
+
+def _named(place: str, name: str) -> Any:
+    """Return the backend of a name."""
+    from socp.solvers import BACKENDS
+
+    if name not in BACKENDS:
+        raise MethodError(f"{place}: no backend '{short(name)}'{suggest(name, BACKENDS)}")
+    return BACKENDS[name]()
 
 
 def _default(each: "Field[Any]") -> Any:
@@ -120,11 +154,25 @@ def _settable(fields: "dict[str, Field[Any]]") -> list[str]:
     ]
 
 
-def _backend(method: "type[Method]", fields: "dict[str, Field[Any]]", holder: str) -> str:
+def _backend(
+    method: "type[Method]", fields: "dict[str, Field[Any]]", values: dict[str, Any], holder: str
+) -> str:
     """Return the field of the backend that a dotted key names."""
-    names = {backend_name(each): name for name, each in fields.items() if has_options(each)}
-    if holder in names:
-        return names[holder]
+    hints = get_type_hints(method)
+    chosen = {
+        _name(values.get(name, _default(each))): name
+        for name, each in fields.items()
+        if has_options(each)
+    }
+    if holder in chosen:
+        return chosen[holder]
+    for name, each in fields.items():
+        if holder in backends(each, hints[name]):
+            now = _name(values.get(name, _default(each)))
+            raise MethodError(
+                f"{method.name}: {holder}: its {name} is {now}; add -o {name}={holder}"
+            )
+    names = [other for name, each in fields.items() for other in backends(each, hints[name])]
     raise MethodError(f"{method.name} has no backend '{holder}'{suggest(holder, names)}")
 
 

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 _LIVE = 0.1  # seconds between two refreshes of the live display
 _OCCASIONAL = 5.0  # seconds between two plain lines
-_PLAIN = "ipopt"  # a stage that says no more than that a programme is being solved
 
 
 @contextmanager
@@ -101,9 +100,12 @@ class Display:
         yield "elapsed", f"{time.monotonic() - self.began:.0f} s"
 
     def stage(self) -> str:
-        """Return the phase of the work."""
+        """Return the phase of the work: a backend's name says only that a programme is solved."""
+        from socp.solvers import BACKENDS
+
         told = "" if self.now is None else self.now.stage
-        return told.removesuffix(_PLAIN).removesuffix(", ")
+        before, _, last = told.rpartition(", ")
+        return before if last in BACKENDS else told
 
     def line(self) -> Text:
         """Return all of it on one line."""

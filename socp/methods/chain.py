@@ -108,7 +108,7 @@ def described(method: Method) -> dict[str, Any]:
         if isinstance(value, (str, int, float, bool, type(None))):
             found[each.name] = value
         else:
-            name = type(value).__name__.lower()
+            name = getattr(value, "name", type(value).__name__.lower())
             found |= {
                 each.name: name,
                 **{f"{name}.{k}": v for k, v in getattr(value, "options", {}).items()},

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, get_args, get_type_hints
 from socp.errors import MethodError
 from socp.model import Problem, Progress, Solution, Stop, Watch, is_number, silent
 from socp.process import shown
-from socp.solvers import NLP, Backend, NLPPoint, Reduced
+from socp.solvers import NLP, NLPPoint, Reduced, Solver
 from socp.transcription import Mesh, PhasedProblem, collocate
 
 LARGEST = 100_000  # steps, points or arcs: programmes of more do not fit into memory
@@ -105,7 +105,7 @@ def _in_range(place: str, value: float, each: Field[Any], *, whole: bool) -> Non
 def solve_collocated(
     phased: PhasedProblem,
     meshes: Sequence[Mesh],
-    backend: Backend,
+    backend: Solver,
     guess: Solution,
     watch: Watch = silent,
     *,
@@ -136,7 +136,7 @@ def solve_collocated(
 
 
 def _attempt(
-    phased: PhasedProblem, meshes: Sequence[Mesh], backend: Backend, guess: Solution, watch: Watch
+    phased: PhasedProblem, meshes: Sequence[Mesh], backend: Solver, guess: Solution, watch: Watch
 ) -> Solution:
     began = time.perf_counter()
     reduced = collocate(phased, meshes)

@@ -9,29 +9,36 @@ from socp.errors import SolveError
 from socp.methods.contract import lifted
 from socp.methods.guess import scattered
 from socp.model import Problem, Solution, Stop, Watch, silent
-from socp.solvers import Ipopt
+from socp.solvers import Backend, default_backend
 from socp.transcription import collocate, radau_iia, single_phase, uniform
 
 _STEPS = 20  # intervals: the extremals of a problem differ by more than these are off
-_BACKEND = Ipopt({"tol": 1e-6, "max_iter": 150})  # to tell extremals apart takes no digits
+_TOLERANCE, _ITERATIONS = 1e-6, 150  # to tell extremals apart takes no digits
 # Relative: objectives of one extremal from different starts differ by rounding; of two, clearly
 _ALIKE = 1e-3
 _MET = 3  # starts that end in the best extremal known before it is believed to be the best
 
 
-def scouts(problem: Problem, guess: Solution, starts: int, watch: Watch = silent) -> list[Solution]:
+def scouts(
+    problem: Problem,
+    guess: Solution,
+    starts: int,
+    watch: Watch = silent,
+    backend: Backend | None = None,
+) -> list[Solution]:
     """Return one coarse solution for every extremal met from the guess and scattered ones, best
     first.
 
     At most `starts` guesses are tried, none for 0; it ends once the best extremal has been met
     three times. An interrupted solve is returned alone.
     """
+    rough = (backend or default_backend()).within(_TOLERANCE).limited(_ITERATIONS)
     reduced = collocate(single_phase(problem), [uniform(radau_iia(2), _STEPS)])
     met: list[tuple[Solution, int]] = []
     for start in islice(_guesses(problem, guess), starts):
         try:
             found = reduced.lift(
-                _BACKEND(reduced.problem, reduced.push(start), lifted(watch, reduced))
+                rough(reduced.problem, reduced.push(start), lifted(watch, reduced))
             )
         except SolveError:
             continue

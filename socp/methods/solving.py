@@ -8,7 +8,7 @@ from typing import final
 
 from socp.methods.contract import solve_collocated
 from socp.model import Problem, Solution, Stop, Watch, Word, scales, silent
-from socp.solvers import Backend, Ipopt
+from socp.solvers import Solver, default_backend
 from socp.transcription import PhasedProblem, follow, jointed, lgr, refined, tails, uniform, whole
 from socp.verdict import verify
 
@@ -37,7 +37,7 @@ class Follower:
     boxed: bool = False
     longer: bool = True
     dwell: float = 0.0
-    backend: Backend = field(default_factory=lambda: Ipopt({"tol": 1e-11}))
+    backend: Solver = field(default_factory=lambda: default_backend().within(1e-11))
 
     def __call__(
         self, problem: Problem, word: Word, guess: Solution, watch: Watch = silent

@@ -10,6 +10,7 @@ from .conclusion import pursued as pursued
 from .digits import trusted as trusted
 from .effort import Ration as Ration
 from .effort import Search as Search
+from .effort import along_words as along_words
 from .integer.minlp import available as available
 from .integer.minlp import minlp as minlp
 from .integer.programmes import write as write

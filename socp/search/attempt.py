@@ -14,14 +14,13 @@ from socp.methods import solve_collocated, sound
 from socp.model import Problem, Solution, Watch, Word, silent
 from socp.search.candidate import Candidate, merged, planted, without
 from socp.search.effort import Ration
-from socp.solvers import Ipopt
+from socp.solvers import Backend
 from socp.transcription import PhasedProblem, follow, lgr, uniform
 
 _TINY = 1e-3  # of the horizon: an arc as short is tried without
 _STEP, _DEAREST = 10.0, 1e3  # times the first price of missing an end
-# to compare words takes no more digits; the word before is near, and a large barrier would lead
-# away from it
-_OPTIONS = {"tol": 1e-8, "max_iter": 100, "mu_init": 1e-3}
+_TOLERANCE = 1e-8  # to compare words takes no more digits
+_ITERATIONS = 100
 
 
 @final
@@ -63,11 +62,16 @@ class Coarse:
 
     def _solved(self, phased: PhasedProblem, now: Candidate, watch: Watch) -> Solution:
         meshes = [uniform(lgr(self.points), 1)] * len(phased.phases)
-        ration = Ration(self.ration.left, Ipopt(_OPTIONS))
+        ration = Ration(self.ration.left, _comparing(self.ration.backend))
         soft = replace(phased, of=self.softly(self.price))
         solution = solve_collocated(soft, meshes, ration, now.guess(), watch, longer=False)
         self.ration.left = ration.left
         return solution
+
+
+def _comparing(backend: Backend) -> Backend:
+    """Return a backend as it compares words, of which the one before is near."""
+    return backend.within(_TOLERANCE).limited(_ITERATIONS).nearby()
 
 
 def staggered(now: Candidate) -> Iterator[Candidate]:

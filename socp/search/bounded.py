@@ -17,19 +17,17 @@ from socp.model import SHORTEST, Modes, Problem, Solution, Stop, Watch, Word, si
 from socp.search.attempt import Coarse
 from socp.search.branching import Branching, Child
 from socp.search.candidate import Candidate
-from socp.search.effort import Ration
+from socp.search.effort import Ration, along_words
 from socp.search.ledger import all_words, count
 from socp.search.neighbours import shortened, spelled
 from socp.search.reading import revealed
 from socp.search.rounding import rounded
 from socp.search.softening import missed, softened
-from socp.solvers import Ipopt
+from socp.solvers import Backend
 from socp.transcription import radau_iia, single_phase, uniform
 from socp.verdict import chattering, judge
 
-_DIRECT = Ipopt(
-    {"max_iter": 500}
-)  # what a direct solve has not reached by then it hardly ever reaches
+_ITERATIONS = 500  # what a direct solve has not reached by then it hardly ever reaches
 _STEPS = 50  # intervals of the finer direct solves, where the scouts' words lead nowhere
 _MOST = 12  # switches that are tried where their number is not given
 _LARGEST = 99  # switches that may be allowed
@@ -46,7 +44,8 @@ class BoundedSearch:
 
     `switches` is the bound, or auto: as few as it takes; `points` the collocation points an arc;
     `solver` is search, over words, or the name of a mixed-integer solver; `time` the seconds after
-    which the best is given; `starts` the most coarse solves from scattered guesses.
+    which the best is given; `starts` the most coarse solves from scattered guesses; `backend`
+    solves the nonlinear programmes.
     """
 
     switches: str
@@ -54,6 +53,7 @@ class BoundedSearch:
     solver: str
     time: float
     starts: int
+    backend: Backend
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
         """Search for a word that the judge certifies; else return the best with what is left open
@@ -70,7 +70,8 @@ class BoundedSearch:
                 f"mboc: problem '{problem.name}' has no law on any arc; give laws, or solve it "
                 "directly"
             )
-        coarse = Coarse(problem, lambda _: problem, self.points, Ration())
+        ration = Ration(backend=along_words(self.backend))
+        coarse = Coarse(problem, lambda _: problem, self.points, ration)
         branching, directs = Branching(coarse, modes, most, most), list[Solution]()
         branching.until = time.monotonic() + self.time
         try:
@@ -124,11 +125,12 @@ class BoundedSearch:
 
     def _directs(self, problem: Problem, guess: Solution, watch: Watch) -> Iterator[Solution]:
         """Yield direct solutions, the coarse ones first, the best of them at the head."""
-        met = scouts(problem, guess, self.starts, watch)
+        met = scouts(problem, guess, self.starts, watch, self.backend)
         yield from met
+        direct = self.backend.limited(_ITERATIONS)
         for start in (*met, guess):
             yield solve_collocated(
-                single_phase(problem), [uniform(radau_iia(2), _STEPS)], _DIRECT, start, watch
+                single_phase(problem), [uniform(radau_iia(2), _STEPS)], direct, start, watch
             )
 
     def _seeds(
@@ -153,11 +155,13 @@ class BoundedSearch:
         from socp.search.integer.minlp import minlp
 
         problem = branching.coarse.problem
-        met = scouts(problem, guess, self.starts, watch) or [guess]
+        met = scouts(problem, guess, self.starts, watch, self.backend) or [guess]
         seed = next(self._seeds(problem, met[0], branching.modes), None)
         switches = (len(seed.arcs) - 1 if seed else 2) if self.switches == "auto" else self._most()
         branching.switches = switches
-        found = minlp(problem, self.solver, switches, self.points, self.time, met[0], watch)
+        found = minlp(
+            problem, self.solver, switches, self.points, self.time, met[0], watch, self.backend
+        )
         directs.append(found)
         branching.nodes += found.nodes
         if not found.stop.ok and found.stop is not Stop.LIMIT:

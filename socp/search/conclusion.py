@@ -3,14 +3,15 @@ is left open.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import final
 
 from socp.errors import SolveError
 from socp.methods import solve_collocated
 from socp.model import FEASIBLE, Problem, Solution, Stop, Watch, silent
 from socp.search.effort import Ration, Search, clearly, off, precedes
 from socp.search.refinement import refine
-from socp.solvers import Ipopt
+from socp.solvers import Backend, default_backend
 from socp.transcription import Mesh, euler, single_phase, trapezoid, uniform
 from socp.verdict import chattering, judge, verify
 
@@ -24,9 +25,8 @@ _FINER = (
     uniform(euler(), 800),
     uniform(trapezoid(), 400),
 )  # after 20 to 200 intervals of the first solves
-_DIRECT = Ipopt(
-    {"tol": 1e-7, "max_iter": 150}
-)  # from a solution nearby it takes some ten iterations
+_TOLERANCE = 1e-7  # of those: a solution is compared by its re-integration
+_ITERATIONS = 150  # from a solution nearby it takes some ten
 
 
 def concluded(
@@ -51,7 +51,7 @@ def concluded(
     )
     if certain is not None:  # of the best start
         return certain
-    chosen, compared = foremost(problem, best, solved, watch)
+    chosen, compared = foremost(problem, best, solved, watch, search.backend.backend)
     if chosen is None:
         return directs[0]
     parts = (chosen.message, explained(problem, search), compared)
@@ -59,12 +59,17 @@ def concluded(
 
 
 def foremost(
-    problem: Problem, word: Solution | None, directs: Sequence[Solution], watch: Watch = silent
+    problem: Problem,
+    word: Solution | None,
+    directs: Sequence[Solution],
+    watch: Watch = silent,
+    backend: Backend | None = None,
 ) -> tuple[Solution | None, str]:
     """Return the better of the best word and the best direct solution, judged, and a text that
     tells which it is.
     """
-    direct = _best(problem, directs, word, watch)
+    finer = _Finer(problem, backend or default_backend(), watch)
+    direct = _best(finer, directs, word)
     if direct is None:
         return word, ""
     direct = judge(problem, direct)
@@ -99,7 +104,7 @@ def pursued(
     coarse grid claims far less, it is first solved on finer ones, which join the direct solutions:
     its own control may miss what it claims.
     """
-    best = search.best
+    best, finer = search.best, _Finer(problem, search.backend.backend, watch)
     if best is None or not best.extremal:
         return
     less = [
@@ -109,22 +114,22 @@ def pursued(
     ]
     if less and bettered(problem, search, directs) is None:
         first = min(less, key=lambda each: each.objective)
-        finer = [_again(problem, first, mesh, watch) for mesh in _FINER]
-        directs += [each for each in finer if each is not None and each.stop.ok]
+        found = [finer(first, mesh) for mesh in _FINER]
+        directs += [each for each in found if each is not None and each.stop.ok]
     known = bettered(problem, search, directs)
     if known is None:
         return
-    more = Search(backend=Ration(_FURTHER), nodes=search.nodes)
+    more = Search(backend=Ration(_FURTHER, search.backend.backend), nodes=search.nodes)
     for mesh in (None, _FINER[0]):
-        direct = known if mesh is None else _again(problem, known, mesh, watch)
+        direct = known if mesh is None else finer(known, mesh)
         if direct is None:
             return
-        found = refine(problem, direct, more, watch, _WORDS) if direct.stop.ok else direct
-        if found is not None and found.stop is Stop.INTERRUPTED:
+        better = refine(problem, direct, more, watch, _WORDS) if direct.stop.ok else direct
+        if better is not None and better.stop is Stop.INTERRUPTED:
             search.best = replace(best, stop=Stop.INTERRUPTED)
             return
-        if found is not None and found.extremal and clearly(found, best):
-            search.best = found
+        if better is not None and better.extremal and clearly(better, best):
+            search.best = better
             return
 
 
@@ -149,16 +154,14 @@ def explained(problem: Problem, search: Search) -> str:
     )
 
 
-def _best(
-    problem: Problem, directs: Sequence[Solution], word: Solution | None, watch: Watch
-) -> Solution | None:
+def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -> Solution | None:
     """Return the best direct solution, verified: of those that claim less than the word where that
     is feasible.
 
     The grids on which words are looked for are coarse, and their controls often miss what they
     claim: it is solved on finer ones too, whose controls keep their box between the nodes.
     """
-    feasible = word is not None and off(word) <= FEASIBLE
+    problem, feasible = finer.problem, word is not None and off(word) <= FEASIBLE
     worth = [
         each for each in directs if word is None or not feasible or each.objective < word.reached
     ]
@@ -167,9 +170,9 @@ def _best(
             _verified(problem, min(directs, key=lambda each: each.objective)) if directs else None
         )
     best = _first([_verified(problem, each) for each in worth])
-    finer = [_again(problem, best, mesh, watch) for mesh in _FINER]
+    found = [finer(best, mesh) for mesh in _FINER]
     return _first(
-        [best, *(_verified(problem, each) for each in finer if each is not None and each.stop.ok)]
+        [best, *(_verified(problem, each) for each in found if each is not None and each.stop.ok)]
     )
 
 
@@ -185,12 +188,22 @@ def _verified(problem: Problem, solution: Solution) -> Solution:
     return replace(solution, verified=verify(problem, solution))
 
 
-def _again(problem: Problem, known: Solution, mesh: Mesh, watch: Watch) -> Solution | None:
-    """Solve on another mesh from a solution; None where that fails."""
-    try:
-        return solve_collocated(single_phase(problem), [mesh], _DIRECT, known, watch)
-    except SolveError:
-        return None
+@final
+@dataclass(frozen=True, eq=False)
+class _Finer:
+    """Solves a problem directly from a solution that is known."""
+
+    problem: Problem
+    backend: Backend
+    watch: Watch
+
+    def __call__(self, known: Solution, mesh: Mesh) -> Solution | None:
+        """Solve on another mesh; None where that fails."""
+        backend = self.backend.within(_TOLERANCE).limited(_ITERATIONS)
+        try:
+            return solve_collocated(single_phase(self.problem), [mesh], backend, known, self.watch)
+        except SolveError:
+            return None
 
 
 def _reaches(solution: Solution) -> str:

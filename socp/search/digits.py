@@ -8,7 +8,7 @@ from socp.errors import MethodError, SolveError
 from socp.methods import Follower, polished, sound
 from socp.model import Agreement, Problem, Solution, Stop, Watch, Word, silent
 from socp.search.neighbours import dropped, spelled
-from socp.solvers import Backend
+from socp.solvers import Solver
 from socp.verdict import judge
 
 _FINER = (
@@ -22,7 +22,7 @@ _POINTS = 12
 
 
 def trusted(
-    problem: Problem, solution: Solution, digits: int, backend: Backend, watch: Watch = silent
+    problem: Problem, solution: Solution, digits: int, backend: Solver, watch: Watch = silent
 ) -> Solution:
     """Return a certified solution with the agreement of two computations of it, certified again.
 
@@ -38,7 +38,7 @@ def trusted(
 
 
 def settled(
-    problem: Problem, solution: Solution, backend: Backend, watch: Watch = silent
+    problem: Problem, solution: Solution, backend: Solver, watch: Watch = silent
 ) -> Solution:
     """Return a certified solution without the arcs that are shorter than the errors of their ends,
     where that does.
@@ -92,7 +92,7 @@ def _is_worse(merged: Solution, solution: Solution) -> bool:
 
 
 def _compared(
-    problem: Problem, best: Solution, wanted: tuple[int, Backend], watch: Watch
+    problem: Problem, best: Solution, wanted: tuple[int, Solver], watch: Watch
 ) -> Solution:
     """Return the solution on the mesh that agrees best with the one before it, or the given one
     where none agrees.

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from typing import final
 
 from socp.model import EXTREMAL, FEASIBLE, Node, Solution, Stop, Watch, silent
-from socp.solvers import NLP, Ipopt, NLPPoint
+from socp.solvers import NLP, Backend, NLPPoint, default_backend
 
 _WORDS = 80  # words tried from all direct solutions together
 _WORK = 1e6  # iterations times variables in all: some ten seconds, and the same words at any speed
@@ -12,9 +12,13 @@ _SETUP = 10  # iterations that building a programme is worth
 _ALIKE = 1e-3  # relative: objectives of one solution on two grids differ by as much
 # Times how far a re-integration is off: what that may be worth in the objective, relative as well
 _WORTH = 3.0
+_TOLERANCE = 1e-11  # along words: what is certified should not be off by the solver's tolerance
+_ITERATIONS = 300  # a right word takes tens; a wrong one should not take thousands
 
-# a right word takes tens of iterations; a wrong one should not take thousands
-_BACKEND = Ipopt({"tol": 1e-11, "max_iter": 300})
+
+def along_words(backend: Backend | None = None) -> Backend:
+    """Return a backend, or the default one, as it solves along the words of a search."""
+    return (backend or default_backend()).within(_TOLERANCE).limited(_ITERATIONS)
 
 
 @final
@@ -23,7 +27,7 @@ class Ration:
     """A backend that stops when the work allowed in all, iterations times variables, is done."""
 
     left: float = _WORK
-    backend: Ipopt = field(default_factory=lambda: _BACKEND)
+    backend: Backend = field(default_factory=along_words)
 
     def __call__(self, nlp: NLP, guess: NLPPoint, watch: Watch = silent) -> NLPPoint:
         """Solve with as many iterations as are left; without any the point is the guess, at its
@@ -34,10 +38,7 @@ class Ration:
             return replace(
                 guess, stop=Stop.LIMIT, message="the work allowed for the search is done"
             )
-        allowed = self.backend
-        if most < int(allowed.options["max_iter"]):
-            allowed = Ipopt({**allowed.options, "max_iter": most})
-        point = allowed(nlp, guess, watch)
+        point = self.backend.limited(most)(nlp, guess, watch)
         self.left -= (point.iterations + _SETUP) * nlp.v.numel()
         return point
 

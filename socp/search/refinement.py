@@ -15,7 +15,6 @@ from socp.search.candidate import Candidate
 from socp.search.effort import Ration, Search
 from socp.search.mending import mends, starts, substitutes
 from socp.search.reading import read, revealed
-from socp.solvers import Ipopt
 from socp.verdict import judge, learn
 
 _SOLVES = 40  # words tried before the search from one direct solution gives up
@@ -144,8 +143,8 @@ def _settled(problem: Problem, solution: Solution) -> Solution:
 def _sharpened(
     problem: Problem, word: Word, solution: Solution, backend: Ration, watch: Watch
 ) -> Solution:
-    """Solve once more with the objective scaled up where costates are small: Ipopt's tolerance on
-    them is absolute.
+    """Solve once more with the objective scaled up where costates are small: a solver's tolerance
+    on them is absolute.
     """
     weight = float(
         np.nanmax(
@@ -154,8 +153,8 @@ def _sharpened(
     )
     if solution.extremal or not 0.0 < weight < _FAINT:
         return solution
-    larger = {"obj_scaling_factor": min(_CLEAR / weight, _LARGEST)}
-    scaled = Ration(backend.left, Ipopt({**backend.backend.options, **larger}))
+    factor = min(_CLEAR / weight, _LARGEST)
+    scaled = Ration(backend.left, backend.backend.scaled(factor))
     sharper = Follower(longer=False, backend=scaled)(problem, word, solution, watch).after(solution)
     backend.left = scaled.left
     if sharper.stop is Stop.INTERRUPTED:

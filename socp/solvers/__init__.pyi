@@ -1,8 +1,12 @@
+from .backends.table import BACKENDS as BACKENDS
+from .backends.table import default_backend as default_backend
+from .backends.uno import Uno as Uno
 from .bonmin import Bonmin as Bonmin
 from .contract import NLP as NLP
 from .contract import Backend as Backend
 from .contract import NLPPoint as NLPPoint
 from .contract import Reduced as Reduced
+from .contract import Solver as Solver
 from .decompositions import Decomposition as Decomposition
 from .ipopt import Ipopt as Ipopt
 from .process import Outcome as Outcome

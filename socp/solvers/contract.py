@@ -4,7 +4,7 @@ backend.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Generic, Protocol, TypeVar, final
+from typing import Any, Generic, Protocol, Self, TypeVar, final
 
 import numpy as np
 
@@ -48,11 +48,39 @@ class NLPPoint:
     seconds: Mapping[str, float] = field(default_factory=dict)
 
 
-class Backend(Protocol):
+class Solver(Protocol):
     """Anything that solves an NLP from a guess."""
 
     def __call__(self, nlp: NLP, guess: NLPPoint, watch: Watch = silent) -> NLPPoint:
         """Solve; a failure is a point with its `stop`, not an exception."""
+
+
+class Backend(Solver, Protocol):
+    """A solver that is chosen by its name, and told in these words what a search needs of it.
+
+    `options` are its own, set by hand; each word is translated into them, and a tolerance set by
+    hand stays.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name on the command line, in front of its options as well."""
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        """Options set by hand, by its own names."""
+
+    def limited(self, iterations: int) -> Self:
+        """Return it with so many iterations at most."""
+
+    def within(self, tolerance: float) -> Self:
+        """Return it with a tolerance on residuals and violations."""
+
+    def scaled(self, factor: float) -> Self:
+        """Return it with the objective multiplied while it solves; points come back unscaled."""
+
+    def nearby(self) -> Self:
+        """Return it for a guess that is near the solution, which it should not leave."""
 
 
 @final

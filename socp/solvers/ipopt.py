@@ -3,17 +3,18 @@ Ctrl-C.
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, final
+from typing import Any, ClassVar, Self, final
 
 import casadi
 import numpy as np
 
 from socp.errors import SolveError
-from socp.model import Progress, Stop, Watch, silent
+from socp.model import Stop, Watch, silent
 from socp.process import requesting
 from socp.solvers import documented, overdetermined
+from socp.solvers.backends.observer import Observer, arguments, last_line, unusable
 from socp.solvers.contract import NLP, NLPPoint
 
 _DEFAULTS: dict[str, Any] = {
@@ -28,6 +29,8 @@ _DEFAULTS: dict[str, Any] = {
     "sb": "yes",
     "option_file_name": "",  # otherwise it reads ipopt.opt where the user is, without a word
 }
+_NEARBY = 1e-3  # first barrier parameter where the guess is near
+_FINAL = ("max_iter", "obj_scaling_factor")  # what is asked for takes account of what is set
 _STOPS = {
     "Solve_Succeeded": Stop.SOLVED,
     "Solved_To_Acceptable_Level": Stop.ACCEPTABLE,
@@ -53,16 +56,37 @@ _TRACED = {
 @dataclass(frozen=True)
 class Ipopt:
     """Options of Ipopt by their own names, over defaults that keep the digits (tol 1e-9,
-    bound_relax_factor 0).
+    bound_relax_factor 0); `asked` is what whoever solves with it has asked for.
 
     Raises MethodError for an option that Ipopt does not have, with the closest match, or a value
     that it does not take.
     """
 
     options: Mapping[str, Any] = field(default_factory=dict)
+    asked: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    name: ClassVar[str] = "ipopt"
 
     def __post_init__(self) -> None:
         documented.check(self.options)
+
+    def limited(self, iterations: int) -> Self:
+        """Return it with so many iterations at most."""
+        return self._asked("max_iter", min(iterations, int(self._settings()["max_iter"])))
+
+    def within(self, tolerance: float) -> Self:
+        """Return it with a tolerance on residuals and violations; one set by hand stays."""
+        return self._asked("tol", tolerance)
+
+    def scaled(self, factor: float) -> Self:
+        """Return it with the objective multiplied while it solves: its tolerance on multipliers is
+        absolute.
+        """
+        known = float(self._settings().get("obj_scaling_factor", 1.0))
+        return self._asked("obj_scaling_factor", factor * known)
+
+    def nearby(self) -> Self:
+        """Return it for a guess that is near: a large barrier would lead away from it."""
+        return self._asked("mu_init", _NEARBY)
 
     def __call__(self, nlp: NLP, guess: NLPPoint, watch: Watch = silent) -> NLPPoint:
         """Solve from a guess, warm where it carries multipliers.
@@ -72,26 +96,17 @@ class Ipopt:
         began = time.perf_counter()
         equations, unknowns = overdetermined.counted(nlp)
         if equations > unknowns:
-            return overdetermined.met(nlp, guess, int({**_DEFAULTS, **self.options}["max_iter"]))
-        observer = _Observer(nlp, watch)
-        given = {
-            "x0": guess.v,
-            "lbx": nlp.v_box[0],
-            "ubx": nlp.v_box[1],
-            "lbg": nlp.g_box[0],
-            "ubg": nlp.g_box[1],
-        }
-        if guess.lam_v is not None and guess.lam_g is not None:
-            given |= {"lam_x0": guess.lam_v, "lam_g0": guess.lam_g}
+            return overdetermined.met(nlp, guess, int(self._settings()["max_iter"]))
+        observer = Observer(self.name, nlp, watch)
         try:
             with requesting(
                 observer.ask
             ):  # from the start: in a callback Ctrl-C would pass for a failure of casadi
-                solver = _solver(nlp, observer, {**_DEFAULTS, **self.options})
+                solver = _solver(nlp, observer, self._settings())
                 built = time.perf_counter()
-                result = solver(**given)
+                result = solver(**arguments(nlp, guess))
         except RuntimeError as error:
-            raise SolveError(f"Ipopt could not run: {_last_line(error)}") from error
+            raise SolveError(f"Ipopt could not run: {last_line(error)}") from error
         if observer.error is not None:
             raise observer.error
         seconds = {"build": built - began, "solve": time.perf_counter() - built}
@@ -101,14 +116,24 @@ class Ipopt:
         )  # Ipopt asks no more at its end
         return _explained(point, nlp, guess, self.options) if point.stop is Stop.FAILED else point
 
+    def _asked(self, name: str, value: float) -> Self:
+        return replace(self, asked={**self.asked, name: value})
 
-def _solver(nlp: NLP, observer: "_Observer", options: Mapping[str, Any]) -> casadi.Function:
+    def _settings(self) -> dict[str, Any]:
+        """Return all options: those set by hand hold, but for what has to be less or more than they
+        are.
+        """
+        found = {**_DEFAULTS, **self.asked, **self.options}
+        return found | {name: self.asked[name] for name in _FINAL if name in self.asked}
+
+
+def _solver(nlp: NLP, observer: Observer, options: Mapping[str, Any]) -> casadi.Function:
     settings = {"print_time": False, "show_eval_warnings": False, "iteration_callback": observer}
     settings |= {f"ipopt.{name}": value for name, value in options.items()}
     try:
         return casadi.nlpsol("ipopt", "ipopt", {"x": nlp.v, "f": nlp.f, "g": nlp.g}, settings)
     except RuntimeError as error:
-        raise SolveError(f"Ipopt could not be set up: {_last_line(error)}") from error
+        raise SolveError(f"Ipopt could not be set up: {last_line(error)}") from error
 
 
 def _point(
@@ -134,68 +159,9 @@ def _point(
     )
 
 
-class _Observer(casadi.Callback):  # type: ignore[misc]
-    """Passes every iteration to a watch; casadi swallows exceptions here, so the first one is kept
-    for later.
-
-    It reads casadi's own memory: matrices made of it, five an iteration, would cost more than a
-    watch.
-    """
-
-    def __init__(self, nlp: NLP, watch: Watch) -> None:
-        super().__init__()
-        self.sizes = {
-            "x": nlp.v.numel(),
-            "f": 1,
-            "g": nlp.g.numel(),
-            "lam_x": nlp.v.numel(),
-            "lam_g": nlp.g.numel(),
-        }
-        self.low, self.high = nlp.g_box
-        self.watch, self.stop, self.count = watch, False, 0
-        self.error: BaseException | None = None
-        self.construct("observer", {})
-
-    def ask(self) -> None:
-        """Ask Ipopt to stop after this iteration."""
-        self.stop = True
-
-    def get_n_in(self) -> int:
-        return int(casadi.nlpsol_n_out())
-
-    def get_n_out(self) -> int:
-        return 1
-
-    def get_name_in(self, i: int) -> str:
-        return str(casadi.nlpsol_out(i))
-
-    def get_sparsity_in(self, i: int) -> casadi.Sparsity:
-        size = self.sizes.get(casadi.nlpsol_out(i), 0)
-        return casadi.Sparsity.dense(size, 1) if size else casadi.Sparsity(0, 0)
-
-    def has_eval_buffer(self) -> bool:
-        return True
-
-    def eval_buffer(self, given: Sequence[memoryview], asked: Sequence[memoryview]) -> int:
-        try:
-            if self.watch is not silent and self.error is None:
-                g = np.frombuffer(given[2]) if self.sizes["g"] else np.zeros(0)
-                self._show(np.frombuffer(given[0]).copy(), float(np.frombuffer(given[1])[0]), g)
-            self.count += 1
-        except BaseException as error:  # noqa: BLE001 - anything raised here would vanish inside Ipopt
-            self.error, self.stop = error, True
-        np.frombuffer(asked[0])[0] = float(self.stop)
-        return 0
-
-    def _show(self, v: np.ndarray, objective: float, g: np.ndarray) -> None:
-        violation = float(np.max(np.maximum(self.low - g, g - self.high), initial=0.0))
-        if self.watch(Progress("ipopt", self.count, objective, violation, v=v)):
-            self.stop = True  # never assigned from the answer: Ctrl-C may have set it meanwhile
-
-
 def _explained(point: NLPPoint, nlp: NLP, guess: NLPPoint, options: Mapping[str, Any]) -> NLPPoint:
     """Return a failure with its likely reason; one before the first iteration has no objective."""
-    reason = _unusable(nlp, guess)
+    reason = unusable(nlp, guess)
     if point.message.endswith("Invalid Option"):
         given = ", ".join(f"{name}={value}" for name, value in options.items())
         reason = f"this build of Ipopt cannot carry out one of {given}"
@@ -205,24 +171,3 @@ def _explained(point: NLPPoint, nlp: NLP, guess: NLPPoint, options: Mapping[str,
         objective=objective,
         message=f"{point.message}; {reason}" if reason else point.message,
     )
-
-
-def _unusable(nlp: NLP, guess: NLPPoint) -> str:
-    """Say what cannot be computed at the guess: the usual reason for a failure at the first
-    iteration.
-    """
-    if not np.isfinite(guess.v).all():
-        return "the guess itself is not finite"
-    f, g = casadi.Function("start", [nlp.v], [nlp.f, nlp.g])(guess.v)
-    bad = int((~np.isfinite(g.full())).sum())
-    if not np.isfinite(float(f)):
-        return f"the objective is {float(f)} at the guess; give a guess where it is finite"
-    return (
-        f"{bad} of {g.numel()} constraints are not finite at the guess; give a guess where they are"
-        if bad
-        else ""
-    )
-
-
-def _last_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[-1].rsplit(": ", 1)[-1]

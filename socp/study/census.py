@@ -15,7 +15,7 @@ from socp.methods import solve_collocated, versions
 from socp.model import Problem, Progress, Solution, Stop, Watch, silent
 from socp.process import breakable, give_way, held
 from socp.search import Ration, Search, refine
-from socp.solvers import Ipopt
+from socp.solvers import default_backend
 from socp.study.clusters import Census, Outcome, residual
 from socp.study.starts import RECIPE, start
 from socp.study.store import Kept
@@ -23,7 +23,7 @@ from socp.study.workers import asked, worked
 from socp.transcription import Mesh, euler, single_phase, uniform
 from socp.verdict import judge
 
-_DIRECT = Ipopt({"tol": 1e-7, "max_iter": 500})  # words are read off these solutions, not digits
+_TOLERANCE, _ITERATIONS = 1e-7, 500  # words are read off direct solutions, not digits
 # steps of implicit Euler, from which a word is read; words tried then; the work on them, iterations
 # times variables
 _FINER = ((200, 4, 1.5e5), (800, 6, 5e5), (2500, 3, 1e6))
@@ -81,7 +81,8 @@ def _explored(
 
 
 def _solved(problem: Problem, guess: Solution, mesh: Mesh, watch: Watch) -> Solution:
-    found = solve_collocated(single_phase(problem), [mesh], _DIRECT, guess, watch)
+    backend = default_backend().within(_TOLERANCE).limited(_ITERATIONS)
+    found = solve_collocated(single_phase(problem), [mesh], backend, guess, watch)
     _go_on(found)
     return found
 

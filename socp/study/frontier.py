@@ -13,6 +13,7 @@ from socp.model import SHORTEST, Modes, Problem, Solution, Stop, Watch, Word, si
 from socp.process import breakable
 from socp.search import (
     Candidate,
+    along_words,
     changed,
     dropped,
     left_out,
@@ -22,7 +23,7 @@ from socp.search import (
     shortened,
     spelled,
 )
-from socp.solvers import Backend, Ipopt
+from socp.solvers import Backend
 from socp.verdict import chattering, judge
 
 _ROUNDING = 1e-11  # relative: what a difference of two objectives has to exceed to say anything
@@ -85,7 +86,6 @@ _WIDTH = 2  # words of every number of switches from which others are made
 _PASSES = 3  # down and up through the numbers of switches
 _FEASIBLE = 1e-6  # violation found by re-integration up to which a word counts
 _BETTER = 1e-9  # relative: a smaller gain is rounding, and a word with fewer switches does as well
-_BACKEND = Ipopt({"tol": 1e-11, "max_iter": 300})
 
 
 @final
@@ -221,7 +221,7 @@ def best_by_switches(
     modes = arc_modes(problem)
     every = sum(len(modes) * (len(modes) - 1) ** n for n in range(most + 1)) <= _ALL
     return _frontier(
-        _Trials(problem, most, dwell, backend or _BACKEND, watch), modes, start, every=every
+        _Trials(problem, most, dwell, along_words(backend), watch), modes, start, every=every
     )
 
 
@@ -247,7 +247,7 @@ def best_word(
     """Return the best judged solution for every number of switches up to `at_most` with which there
     is a better one.
     """
-    trials = _Trials(problem, at_most, 0.0, backend or _BACKEND, watch, width=1)
+    trials = _Trials(problem, at_most, 0.0, along_words(backend), watch, width=1)
     return distinct(_frontier(trials, arc_modes(problem), start, every=False))
 
 
@@ -257,7 +257,13 @@ def distinct(found: Frontier) -> list[Solution]:
     return [row for k, row in enumerate(rows) if k == 0 or row is not rows[k - 1]]
 
 
-def limited(problem: Problem, found: Solution, at_most: int, watch: Watch = silent) -> Solution:
+def limited(
+    problem: Problem,
+    found: Solution,
+    at_most: int,
+    watch: Watch = silent,
+    backend: Backend | None = None,
+) -> Solution:
     """Return the best word of at most so many switches where a solution chatters, with the frontier
     in its message.
 
@@ -272,7 +278,7 @@ def limited(problem: Problem, found: Solution, at_most: int, watch: Watch = sile
         or not chattering(problem, found)
     ):
         return found
-    trials = _Trials(problem, at_most, 0.0, _BACKEND, watch, width=1)
+    trials = _Trials(problem, at_most, 0.0, along_words(backend), watch, width=1)
     seen = _frontier(trials, arc_modes(problem), found, every=False)
     rows = distinct(seen)
     if seen.interrupted:

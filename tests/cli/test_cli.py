@@ -270,7 +270,7 @@ def test_a_bad_problem_file_is_one_message_with_its_line(socp: Command, name: st
         (
             ["solve", "cart.py", "-m", "euler-ipopt", "-o", "backend=3"],
             2,
-            "euler-ipopt: backend: cannot be set as a whole",
+            "euler-ipopt: backend: no backend '3'; there are ipopt, uno",
         ),
         (
             ["solve", "cart.py", "-m", "euler-ipopt", "-o", "ipopt.tolll=3"],

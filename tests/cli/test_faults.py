@@ -147,7 +147,7 @@ def pressed(patch: pytest.MonkeyPatch, target: str, number: int, times: int, cal
     patch.setattr(place, name, wrapped)
 
 
-ITERATING = "socp.solvers.ipopt:_Observer.eval_buffer"
+ITERATING = "socp.solvers.backends.observer:Observer.eval_buffer"
 SOLVING = {
     "while the guess is made": ("socp.methods:default_guess", 1, None),
     "at the first iteration": (ITERATING, 1, "INTERRUPTED"),

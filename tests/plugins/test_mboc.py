@@ -108,8 +108,9 @@ def test_what_a_mixed_integer_solver_returns_is_cleaned_and_judged(
     asked = []
 
     def fake(problem: Problem, *given: Any) -> Solution:
-        solver, switches, points, time, guess, _ = given
+        solver, switches, points, time, guess, _, backend = given
         asked.append((solver, switches, points, time))
+        assert backend.name == "ipopt"
         found = Follower(points=points, intervals=1)(
             problem, Word.parse("u: + s - +", ("u",)), guess
         )

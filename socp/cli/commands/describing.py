@@ -9,7 +9,7 @@ import click
 from rich.table import Table
 from rich.text import Text
 
-from socp.cli.options import backend_name, has_options
+from socp.cli.options import backend_name, backends, has_options
 from socp.cli.session import Exit, Session, heading, show
 from socp.errors import MethodError, ProblemError
 from socp.process import first_paragraph, short
@@ -80,12 +80,12 @@ def option_rows(method: "type[Method]") -> Iterator[tuple[str, str, str, str]]:
         least, most = allowed(each, whole=False)
         kind = getattr(hint, "__name__", str(hint)).lower()
         if has_options(each):
-            backend = backend_name(each)
+            backend, any_of = backend_name(each), " or ".join(backends(each, hint))
             yield (
                 each.name,
                 kind,
                 backend,
-                f"{about}; {backend}.NAME=VALUE sets any of its own options",
+                f"{about}: {any_of}; {backend}.NAME=VALUE sets any of its own options",
             )
         else:
             default = "required" if each.default is MISSING else str(each.default) or "''"

@@ -21,6 +21,7 @@ from socp.search.integer.reduction import binary_modes
 from socp.search.integer.starts import starts
 from socp.solvers import (
     NLP,
+    Backend,
     Bonmin,
     Decomposition,
     NLPPoint,
@@ -94,6 +95,7 @@ def minlp(  # noqa: PLR0913, PLR0917 - what a mixed-integer solve is made of
     time: float,
     guess: Solution,
     watch: Watch = silent,
+    backend: Backend | None = None,
 ) -> Solution:
     """Find modes and lengths of `switches` + 1 arcs with a mixed-integer solver, in about `time`
     seconds.
@@ -109,7 +111,7 @@ def minlp(  # noqa: PLR0913, PLR0917 - what a mixed-integer solve is made of
     """
     chosen = available(solver)
     began = perf_counter()
-    layouts = starts(problem, switches, guess, watch)
+    layouts = starts(problem, switches, guess, watch, backend)
     stopped = next((each for each in layouts if each.stop is Stop.INTERRUPTED), None)
     if stopped is not None:
         return stopped

@@ -10,19 +10,23 @@ from socp.methods import scouts, solve_collocated, split
 from socp.model import Mode, Problem, Solution, Stop, Watch, silent
 from socp.search.candidate import Candidate
 from socp.search.reading import read
-from socp.solvers import Ipopt
+from socp.solvers import Backend, default_backend
 from socp.transcription import radau_iia, single_phase, uniform
 
 _SCOUTS = (
     12  # guesses of coarse solves, as many as scouting needs to meet an extremal several times
 )
 _STEPS = 50  # intervals of the solve whose stretches give the arcs their first lengths
-_DIRECT = Ipopt({"tol": 1e-6, "max_iter": 300})
+_TOLERANCE, _ITERATIONS = 1e-6, 300  # of that solve: lengths take no digits
 _SHORT = 0.01  # of the horizon: a first length for an arc that the grid is too coarse to show
 
 
 def starts(
-    problem: Problem, switches: int, guess: Solution, watch: Watch = silent
+    problem: Problem,
+    switches: int,
+    guess: Solution,
+    watch: Watch = silent,
+    backend: Backend | None = None,
 ) -> list[Solution]:
     """Return layouts of `switches` + 1 arcs to start from, best first.
 
@@ -30,12 +34,14 @@ def starts(
     for its grid get a short length and unknown modes, where they may be: at the ends first, since
     given ends are seldom on a singular surface.
     """
-    found = scouts(problem, guess, _SCOUTS, watch)
+    backend = backend or default_backend()
+    found = scouts(problem, guess, _SCOUTS, watch, backend)
     if found and found[0].stop is Stop.INTERRUPTED:
         return found
     mesh = uniform(radau_iia(2), _STEPS)
+    rough = backend.within(_TOLERANCE).limited(_ITERATIONS)
     direct = solve_collocated(
-        single_phase(problem), [mesh], _DIRECT, found[0] if found else guess, watch
+        single_phase(problem), [mesh], rough, found[0] if found else guess, watch
     )
     if direct.stop is Stop.INTERRUPTED:
         return [direct]
