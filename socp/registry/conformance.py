@@ -14,7 +14,7 @@ import numpy as np
 
 from socp.errors import SocpError
 from socp.methods import Method, check_options, default_guess, described
-from socp.model import Arc, Problem, Progress, Solution, Stop, Watch, time
+from socp.model import Arc, Problem, Progress, Solution, Stop, Watch, parameters_of, time
 from socp.registry.standard import STANDARD, Standard
 from socp.verdict import verify
 
@@ -79,7 +79,7 @@ def check_problem(problem: Problem) -> list[Finding]:
     """
     guess = default_guess(problem)
     t, x, u = guess.t, guess.rows("x"), guess.rows("u")
-    p = np.array([guess.parameters[name] for name in problem.parameter_names]).reshape(-1, 1)
+    p = parameters_of(problem, guess)[:, None]
     found = [
         Finding(problem.name, place, text)
         for place, text in _not_finite(problem, (x, u, t[None, :], p))

@@ -9,7 +9,7 @@ import casadi
 import numpy as np
 from scipy.optimize import brentq
 
-from socp.model import Arc, Expr, Solution, column, joined, time
+from socp.model import Arc, Expr, Solution, column, joined, parameters_of, time
 from socp.transcription.mesh import Mesh, table, uniform
 from socp.transcription.phases import Phase, PhasedProblem
 from socp.transcription.schemes import lgr
@@ -165,11 +165,10 @@ def _crossings(
     ):
         return []
     given = casadi.vertcat(problem.x, time, problem.p)
-    law = casadi.vertcat(problem.rate, problem.lagrangian)
-    found = kinks(casadi.substitute(law, problem.u, phase.control), given)
+    found = kinks(casadi.vertcat(*phase.flow(problem)), given)
     if not found.numel():
         return []
-    p = np.array([solution.parameters[name] for name in problem.parameter_names], dtype=float)
+    p = parameters_of(problem, solution)
     values = casadi.Function("kinks", [given], [found])
 
     def at(t: np.ndarray) -> np.ndarray:

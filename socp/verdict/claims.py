@@ -8,11 +8,10 @@ first.
 
 from collections.abc import Iterator
 
-import casadi
 import numpy as np
 
 from socp import laws
-from socp.model import Finding, Problem, Solution, final_time, initial_time
+from socp.model import Finding, Problem, Solution, end_values, mayer_function
 from socp.transcription import lgr
 from socp.verdict.adjoint import Along
 from socp.verdict.nodes import POINTS, Samples
@@ -40,12 +39,7 @@ def cost(problem: Problem, solution: Solution, samples: Samples) -> tuple[float,
     half = 0.5 * np.diff(samples.edges)
     weights = half[:, None] * _SCHEME.weights[:-1]
     L = samples.values["L"].reshape(samples.intervals, samples.width)[:, :-1]
-    p = [solution.parameters[name] for name in problem.parameter_names]
-    function = casadi.Function(
-        "mayer", [problem.x, problem.x0, problem.p, initial_time, final_time], [problem.mayer]
-    )
-    ends = solution.arcs[-1].x[:, -1], solution.arcs[0].x[:, 0]
-    mayer = float(function(*ends, p, solution.initial_time, solution.final_time))
+    mayer = float(mayer_function(problem)(*end_values(problem, solution)))
     return float((weights * L).sum()) + mayer, float((weights * np.abs(L)).sum()) + abs(mayer)
 
 

@@ -4,11 +4,19 @@ solution.
 
 from itertools import groupby, pairwise
 
-import casadi
 import numpy as np
 
 from socp import laws
-from socp.model import Arc, Constraint, Mode, Problem, Solution, column, time
+from socp.model import (
+    Arc,
+    Constraint,
+    Mode,
+    Problem,
+    Solution,
+    along,
+    constraint_function,
+    parameters_of,
+)
 
 Stretch = tuple[str, float, float]  # (mode as a word spells it, start, end)
 
@@ -70,11 +78,8 @@ def constraint_values(
     problem: Problem, solution: Solution, constraint: Constraint, t: np.ndarray, x: np.ndarray
 ) -> np.ndarray:
     """Evaluate a state constraint at times t (n,) and states x (nx, n); returns (n,)."""
-    p = column(solution.parameters[name] for name in problem.parameter_names)
-    function = casadi.Function(
-        "c", [problem.x, time], [casadi.substitute(constraint.expression, problem.p, p)]
-    )
-    return np.array(function.map(t.size)(x, t[None, :]).full().ravel())
+    function, p = constraint_function(problem, constraint), parameters_of(problem, solution)
+    return along(function, x, t, p)[0].ravel()
 
 
 def _read(problem: Problem, solution: Solution, arc: Arc, i: int) -> list[Stretch]:

@@ -136,26 +136,16 @@ def _completed(
         return Traces(**found, switching=np.full(found["u"].shape, np.nan), hamiltonian=unknown)
     import casadi
 
-    from socp.model import column, time
+    from socp.model import along, column, parameters_of, time
 
-    p = np.array([solution.parameters[name] for name in problem.parameter_names], dtype=float)
     constraints = column(each.expression for each in problem.constraints)
     symbols = [problem.x, problem.u, problem.costate, time, problem.p]
     results = [
         casadi.densify(each) for each in (problem.switching, problem.hamiltonian, constraints)
     ]
-    n = found["t"].size
-    given: list[Any] = [
-        found["x"],
-        found["u"],
-        found["costate"],
-        found["t"][None, :],
-        np.repeat(p[:, None], n, axis=1),
-    ]
-    switching, hamiltonian, c = (
-        each.full() for each in casadi.Function("along", symbols, results).map(n)(*given)
-    )
-    named = {each.name: c.reshape(-1, n)[k] for k, each in enumerate(problem.constraints)}
+    given = found["x"], found["u"], found["costate"], found["t"], parameters_of(problem, solution)
+    switching, hamiltonian, c = along(casadi.Function("along", symbols, results), *given)
+    named = {each.name: c[k] for k, each in enumerate(problem.constraints)}
     return Traces(
         **found,
         switching=switching,
