@@ -32,6 +32,13 @@ from .findings import Finding as Finding
 from .findings import Node as Node
 from .findings import Verdict as Verdict
 from .findings import digits_of as digits_of
+from .graph import AREA as AREA
+from .graph import ARITHMETIC as ARITHMETIC
+from .graph import HYPERBOLIC as HYPERBOLIC
+from .graph import POWERS as POWERS
+from .graph import TRIGONOMETRIC as TRIGONOMETRIC
+from .graph import coded as coded
+from .graph import traced as traced
 from .graph import walked as walked
 from .parts import Constraint as Constraint
 from .parts import Reference as Reference

@@ -9,7 +9,7 @@ import casadi
 import numpy as np
 from scipy.optimize import brentq
 
-from socp.model import Arc, Expr, Solution, column, joined, parameters_of, time
+from socp.model import Arc, Expr, Solution, column, joined, parameters_of, time, traced
 from socp.transcription.mesh import Mesh, table, uniform
 from socp.transcription.phases import Phase, PhasedProblem
 from socp.transcription.schemes import lgr
@@ -37,27 +37,15 @@ def kinks(expression: Expr, given: Expr) -> Expr:
     left out, and so is what is a multiple of another, such as -a beside a: it vanishes where that
     does.
     """
-    function = casadi.Function("kinks", [given], [casadi.densify(expression)])
-    work: dict[int, Expr] = {}
     found: list[Expr] = []
-    for k in range(function.n_instructions()):
-        operation, into, out = (
-            function.instruction_id(k),
-            function.instruction_input(k),
-            function.instruction_output(k),
-        )
-        if operation == casadi.OP_OUTPUT:
-            continue
-        if operation == casadi.OP_CONST:
-            work[out[0]] = casadi.SX(function.instruction_constant(k))
-        elif operation == casadi.OP_INPUT:
-            work[out[0]] = given[into[1]]
-        else:
-            arguments = [work[register] for register in into]
-            if operation in _BINARY | _UNARY:
-                found.append(arguments[0] - arguments[1] if operation in _BINARY else arguments[0])
-            build = casadi.SX.binary if len(arguments) == 2 else casadi.SX.unary
-            work[out[0]] = build(operation, *arguments)
+
+    def built(operation: int, *arguments: Expr) -> Expr:
+        if operation in _BINARY | _UNARY:
+            found.append(arguments[0] - arguments[1] if operation in _BINARY else arguments[0])
+        build = casadi.SX.binary if len(arguments) == 2 else casadi.SX.unary
+        return build(operation, *arguments)
+
+    traced(casadi.vec(expression), given, given.__getitem__, casadi.SX, built)
     distinct: list[Expr] = []
     for each in found:
         if not each.is_constant() and not any(
