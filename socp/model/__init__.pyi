@@ -46,6 +46,7 @@ from .problem import Problem as Problem
 from .progress import Progress as Progress
 from .progress import Watch as Watch
 from .progress import silent as silent
+from .progress import telling as telling
 from .scene import Picture as Picture
 from .scene import Scene as Scene
 from .scene import own as own

@@ -1,6 +1,6 @@
 """Where the objectives of a sequence of words tend to."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import final
 
@@ -9,11 +9,12 @@ import numpy as np
 from socp.errors import MethodError, SolveError
 from socp.laws import arc_modes
 from socp.methods import Follower, arranged, sound
-from socp.model import SHORTEST, Problem, Solution, Stop, Watch, Word, silent
+from socp.model import SHORTEST, Problem, Solution, Stop, Watch, Word, silent, telling
 from socp.process import breakable
 from socp.search import (
     Candidate,
     Joint,
+    all_words,
     changed,
     dropped,
     left_out,
@@ -165,12 +166,7 @@ class _Trials:
         return solution
 
     def _told(self, word: str) -> Watch:
-        if self.watch is silent:
-            return silent
-        best = self.best(self.most)
-        value = float("nan") if best is None else best.objective
-        stage = f"word {self.words}"
-        return lambda now: self.watch(replace(now, stage=stage, word=word, best=value))
+        return telling(self.watch, f"word {self.words}", word, self.best(self.most))
 
     def _kept(self, solution: Solution) -> bool:
         """Keep a solution among the best of its number of switches, without arcs that have
@@ -286,24 +282,11 @@ def limited(problem: Problem, found: Solution, at_most: int, watch: Watch = sile
 
 def _everything(trials: _Trials, modes: Sequence[Joint], start: Solution) -> None:
     """Solve every word, shorter ones first."""
-    for count in range(trials.most + 1):
-        for arcs in _words(modes, count + 1):
-            word = Word(trials.problem.control_names, arcs)
-            source = trials.best(count) or start
-            guess = arranged(trials.problem, source, word)
-            trials.solve(
-                Candidate(
-                    arcs, (guess.initial_time, *guess.junctions.tolist(), guess.final_time), source
-                )
-            )
-
-
-def _words(modes: Sequence[Joint], count: int) -> Iterator[tuple[Joint, ...]]:
-    if count == 0:
-        yield ()
-        return
-    for before in _words(modes, count - 1):
-        yield from ((*before, mode) for mode in modes if not before or mode != before[-1])
+    for arcs in all_words(modes, trials.most):
+        source = trials.best(len(arcs) - 1) or start
+        guess = arranged(trials.problem, source, Word(trials.problem.control_names, arcs))
+        edges = (guess.initial_time, *guess.junctions.tolist(), guess.final_time)
+        trials.solve(Candidate(arcs, edges, source))
 
 
 def _beam(trials: _Trials, modes: Sequence[Joint], start: Solution) -> None:
