@@ -8,7 +8,7 @@ import casadi
 import numpy as np
 
 from socp.laws.drawing import ends, reached
-from socp.model import Expr, Problem, once, time
+from socp.model import TINY, Expr, Problem, once, time
 
 COUNT = 24  # points; a false "zero" would need chance to strike at most of them
 # Points where COUNT of them are too few: what is looked for may lie in a corner of the states
@@ -277,7 +277,7 @@ def _newton(
         right = np.where(finite[:, None], value / rows, 0.0)
         step = -np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=1e-9), right)
         length = np.linalg.norm(step, axis=1, keepdims=True)
-        step *= np.minimum(1.0, 1.0 / (_INERTIA * length).clip(1e-300))
+        step *= np.minimum(1.0, 1.0 / (_INERTIA * length).clip(TINY))
     return arrived & finite, step.T * weight, np.linalg.norm(right, axis=1)
 
 

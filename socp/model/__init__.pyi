@@ -23,9 +23,6 @@ from .evaluation import recalled as recalled
 from .evaluation import running_function as running_function
 from .evaluation import scales as scales
 from .evaluation import sizes as sizes
-from .findings import EXTREMAL as EXTREMAL
-from .findings import FEASIBLE as FEASIBLE
-from .findings import SHORTEST as SHORTEST
 from .findings import Agreement as Agreement
 from .findings import Feasibility as Feasibility
 from .findings import Finding as Finding
@@ -64,5 +61,15 @@ from .symbols import is_number as is_number
 from .symbols import parameters as parameters
 from .symbols import states as states
 from .symbols import time as time
+from .tolerances import ACTIVE as ACTIVE
+from .tolerances import AT_BOUND as AT_BOUND
+from .tolerances import COMPARED as COMPARED
+from .tolerances import EXTREMAL as EXTREMAL
+from .tolerances import FEASIBLE as FEASIBLE
+from .tolerances import OUTSIDE as OUTSIDE
+from .tolerances import ROUNDED as ROUNDED
+from .tolerances import SAME_TIME as SAME_TIME
+from .tolerances import SHORTEST as SHORTEST
+from .tolerances import TINY as TINY
 from .word import Mode as Mode
 from .word import Word as Word

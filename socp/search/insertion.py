@@ -15,11 +15,10 @@ import casadi
 import numpy as np
 
 from socp.laws import Modes, values
-from socp.model import Problem, Solution, along, column, once, parameters_of, time
+from socp.model import OUTSIDE, TINY, Problem, Solution, along, column, once, parameters_of, time
 
 _NODES = 24  # looks at an arc: its own nodes are few, and crowd at its ends
 _ACTIVE = 1e-6  # of a constraint's range: nearer counts as on it
-_OUTSIDE = 1e-6  # of a box: further out a law is not admissible
 _TURN = 1e-9  # of a constraint's range over its arc: slower counts as along it
 
 
@@ -96,7 +95,7 @@ class _Nodes:
         modes.
         """
         low, high = (row[:, None] for row in self.problem.box)
-        margin = _OUTSIDE * (high - low)
+        margin = OUTSIDE * (high - low)
         allowed: np.ndarray = ((u >= low - margin) & (u <= high + margin)).all(axis=0)
         if not self.problem.constraints:
             return allowed
@@ -104,7 +103,7 @@ class _Nodes:
         named = {mode.constraint for mode in modes if mode.constraint}
         horizon = self.t[-1] - self.t[0]
         for c, growth, constraint in zip(*path, self.problem.constraints, strict=True):
-            size = max(float(np.ptp(c)), float(np.abs(growth).max()) * horizon, 1e-300)
+            size = max(float(np.ptp(c)), float(np.abs(growth).max()) * horizon, TINY)
             on = c > -_ACTIVE * size
             kept = np.array([f"b[{constraint.name}]" in own[k] for k in self.arc])
             if constraint.name in named:

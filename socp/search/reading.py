@@ -9,7 +9,7 @@ from casadi import Function
 
 from socp import laws
 from socp.errors import MethodError
-from socp.model import Arc, Mode, Problem, Solution, along, parameters_of
+from socp.model import SAME_TIME, Arc, Mode, Problem, Solution, along, parameters_of
 from socp.search.candidate import Candidate, insert, merged
 from socp.verdict import structure_of
 
@@ -106,7 +106,7 @@ def candidate(
 ) -> Candidate:
     """Return the word that the stretches of all controls spell together."""
     start, end = solution.initial_time, solution.final_time
-    apart = 1e-9 * (end - start)
+    apart = SAME_TIME * (end - start)
     times = sorted(
         {t for row in stretches.values() for _, _, t in row[:-1] if start + apart < t < end - apart}
     )

@@ -16,7 +16,7 @@ import numpy as np
 
 from socp.errors import SolveError
 from socp.laws import Modes, values
-from socp.model import Problem, Solution, parameters_of
+from socp.model import TINY, Problem, Solution, parameters_of
 from socp.process import aside
 from socp.search.candidate import Candidate, merged
 from socp.verdict import constraint_values
@@ -223,4 +223,4 @@ def _laid(problem: Problem, solution: Solution, modes: Sequence[Modes], edges: n
 
 
 def _near(c: np.ndarray) -> np.ndarray:
-    return np.array(c > -_NEAR * max(float(np.ptp(c)), 1e-300))
+    return np.array(c > -_NEAR * max(float(np.ptp(c)), TINY))

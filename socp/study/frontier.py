@@ -9,7 +9,7 @@ import numpy as np
 from socp.errors import MethodError, SolveError
 from socp.laws import arc_modes
 from socp.methods import Follower, arranged, sound
-from socp.model import SHORTEST, Problem, Solution, Stop, Watch, Word, silent, telling
+from socp.model import COMPARED, SHORTEST, Problem, Solution, Stop, Watch, Word, silent, telling
 from socp.process import breakable
 from socp.search import (
     Candidate,
@@ -85,7 +85,6 @@ _ALL = 200  # words up to which every one of them is solved
 _MOST = 240  # words solved at most where they are too many for that
 _WIDTH = 2  # words of every number of switches from which others are made
 _PASSES = 3  # down and up through the numbers of switches
-_FEASIBLE = 1e-6  # violation found by re-integration up to which a word counts
 _BETTER = 1e-9  # relative: a smaller gain is rounding, and a word with fewer switches does as well
 _BACKEND = Ipopt({"tol": 1e-11, "max_iter": 300})
 
@@ -173,7 +172,7 @@ class _Trials:
         vanished.
         """
         solution = judge(self.problem, solution)
-        if solution.verdict is None or not solution.verdict.miss <= _FEASIBLE:
+        if solution.verdict is None or not solution.verdict.miss <= COMPARED:
             return False
         lean = shortened(spelled(solution), SHORTEST)
         if self.dwell == 0.0 and len(lean.arcs) < len(solution.arcs):

@@ -9,7 +9,7 @@ import casadi
 import numpy as np
 from scipy.optimize import brentq
 
-from socp.model import Arc, Expr, Solution, column, joined, parameters_of, time, traced
+from socp.model import SAME_TIME, Arc, Expr, Solution, column, joined, parameters_of, time, traced
 from socp.transcription.mesh import Mesh, table, uniform
 from socp.transcription.phases import Phase, PhasedProblem
 from socp.transcription.schemes import lgr
@@ -20,7 +20,6 @@ _UNARY = {casadi.OP_FABS, casadi.OP_SIGN}
 # count
 _LOOKS = 8
 _SLIVER = 1e-3  # of a piece: a shorter interval beside a joint is not worth its nodes
-_POINT = 1e-9  # of the horizon: a shorter arc is a point
 # Random points at which expressions are compared: in more dimensions chance makes none parallel
 _DRAWS = 6
 _ALIKE = (
@@ -149,7 +148,7 @@ def _crossings(
     if (
         phase.free.numel()
         or phase.carried.numel()
-        or length <= _POINT * (solution.final_time - solution.initial_time)
+        or length <= SAME_TIME * (solution.final_time - solution.initial_time)
     ):
         return []
     given = casadi.vertcat(problem.x, time, problem.p)
@@ -175,7 +174,7 @@ def _crossings(
         for k in np.flatnonzero(row[:-1] * row[1:] < 0.0):
             t = brentq(lambda t, i=i: at(np.array([t]))[i, 0], times[k], times[k + 1])
             crossings.append((float(t), found[i]))
-    apart = 1e-9 * length  # a crossing at an end of the arc is the end
+    apart = SAME_TIME * length  # a crossing at an end of the arc is the end
     inside = [each for each in crossings if arc.t[0] + apart < each[0] < arc.t[-1] - apart]
     inside.sort(key=lambda each: each[0])
     # two kinks at one time, such as those of p and p v, need one joint

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from socp.model import (
+    TINY,
     Arc,
     Expr,
     Problem,
@@ -137,7 +138,7 @@ class Shooting:
         last, first, parameters, *times = values
         scale, horizon = scales(problem, solution), np.array([times[1] - times[0]])
         boxes = [np.array([box]).T for box in (problem.initial_time_box, problem.final_time_box)]
-        near = self.near * np.maximum(np.abs(parameters), 1e-300)
+        near = self.near * np.maximum(np.abs(parameters), TINY)
         rows = [
             *_rows(x0, first, problem.start_box, self.near * scale),
             *_rows(xf, last, problem.end_box, self.near * scale),

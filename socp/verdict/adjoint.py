@@ -10,6 +10,8 @@ from typing import final
 import numpy as np
 
 from socp.model import (
+    ACTIVE,
+    TINY,
     Problem,
     Solution,
     condition_function,
@@ -20,7 +22,6 @@ from socp.model import (
 )
 from socp.transcription import lgr
 from socp.verdict.nodes import POINTS, Samples, sample
-from socp.verdict.structure import ACTIVE
 
 __all__ = ["POINTS", "Costates", "Samples", "Unknowns", "condense", "sample"]
 
@@ -215,7 +216,7 @@ def unknowns_of(problem: Problem, samples: Samples, ends: Ends) -> Unknowns:
     blocks: list[tuple[int, int]] = []
     jumps: list[tuple[int, int]] = []
     for j in range(len(problem.constraints)):
-        near = ACTIVE * max(float(np.ptp(c[j])), 1e-300)
+        near = ACTIVE * max(float(np.ptp(c[j])), TINY)
         at = c[j].reshape(-1, width) > -near
         active = at.all(axis=1)
         blocks += [(j, int(k)) for k in np.flatnonzero(active)]

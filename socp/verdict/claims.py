@@ -11,11 +11,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from socp import laws
-from socp.model import Finding, Problem, Solution, end_values, mayer_function
+from socp.model import ACTIVE, TINY, Finding, Problem, Solution, end_values, mayer_function
 from socp.transcription import lgr
 from socp.verdict.adjoint import Along
 from socp.verdict.nodes import POINTS, Samples
-from socp.verdict.structure import ACTIVE
 
 _SCHEME = lgr(POINTS)
 # between the ends of its intervals collocation is of lower order than at them: a digit is granted
@@ -88,7 +87,7 @@ def _drift(solution: Solution) -> Finding:
 
 def _objective(along: Along) -> Finding:
     value, size = cost(along.problem, along.solution, along.samples)
-    off = abs(along.solution.objective - value) / max(size, 1e-300)
+    off = abs(along.solution.objective - value) / max(size, TINY)
     return Finding(
         condition="objective is that of the states and controls",
         residual=np.inf if np.isnan(off) else off,
@@ -128,7 +127,7 @@ def _modes(along: Along, density: np.ndarray, size: float) -> Iterator[Finding]:
 def _active(samples: Samples, inside: np.ndarray) -> np.ndarray:
     """Return a mask (nc,) of the constraints that are active at all of the chosen nodes."""
     c = samples.values["c"]
-    near = ACTIVE * np.maximum(np.ptp(c, axis=1), 1e-300)
+    near = ACTIVE * np.maximum(np.ptp(c, axis=1), TINY)
     return np.array((c[:, inside] > -near[:, None]).all(axis=1))
 
 
@@ -172,5 +171,5 @@ def _parameters(along: Along) -> Iterator[Finding]:
     low, high = along.problem.parameter_box
     for i, name in enumerate(along.problem.parameter_names):
         value = float(along.samples.p[i])
-        off = max(low[i] - value, value - high[i], 0.0) / max(abs(value), 1e-300)
+        off = max(low[i] - value, value - high[i], 0.0) / max(abs(value), TINY)
         yield Finding(condition="parameter within its interval", residual=off, where=name)

@@ -7,7 +7,7 @@ import numpy as np
 
 from socp import laws
 from socp.errors import MethodError
-from socp.model import Arc, Mode, Problem, Solution, along, lagrange, time
+from socp.model import TINY, Arc, Mode, Problem, Solution, along, lagrange, time
 from socp.verdict.conditions import mode_at
 from socp.verdict.nodes import Samples
 
@@ -95,7 +95,7 @@ def legendre_clebsch(
         here = (each[..., inside] for each in (samples.x, samples.u, costate, samples.t))
         (values,) = along(function, *here, samples.p)
         matrices = values.reshape(len(singular), -1, len(singular)).transpose(1, 0, 2)
-        size = max(float(np.abs(matrices).max()), 1e-300)
+        size = max(float(np.abs(matrices).max()), TINY)
         least = (
             float(np.linalg.eigvalsh((matrices + matrices.transpose(0, 2, 1)) / 2.0).min()) / size
         )

@@ -9,9 +9,22 @@ from typing import final
 import casadi
 import numpy as np
 
-from socp.model import Arc, Expr, Problem, Solution, along, column, once, parameters_of, time
+from socp.model import (
+    ACTIVE,
+    SAME_TIME,
+    TINY,
+    Arc,
+    Expr,
+    Problem,
+    Solution,
+    along,
+    column,
+    once,
+    parameters_of,
+    time,
+)
 from socp.transcription import lgr
-from socp.verdict.structure import ACTIVE, constraint_values
+from socp.verdict.structure import constraint_values
 
 # collocation points an interval: order 19, so that the judge's own error stays below what it judges
 POINTS = 10
@@ -173,7 +186,7 @@ def _rough(samples: Samples, solution: Solution) -> np.ndarray:
 
 
 def _laid(problem: Problem, solution: Solution, cuts: np.ndarray) -> Samples:
-    shortest = 1e-9 * (
+    shortest = SAME_TIME * (
         solution.final_time - solution.initial_time
     )  # shorter arcs are points: their nodes differ by rounding alone
     tau = (lgr(POINTS).nodes + 1.0) / 2.0
@@ -212,7 +225,7 @@ def _intervals(arc: Arc, cuts: np.ndarray) -> list[tuple[float, float]]:
     ends = _halved(arc)
     step = -(-(len(ends) - 1) // _INTERVALS)
     kept = np.append(ends[:-1:step], ends[-1])
-    apart = 1e-9 * (
+    apart = SAME_TIME * (
         ends[-1] - ends[0]
     )  # cuts nearer to an end than this are that end, up to rounding
     inside = cuts[(cuts > ends[0] + apart) & (cuts < ends[-1] - apart)]
@@ -248,7 +261,7 @@ def _touches(problem: Problem, solution: Solution) -> list[float]:
             constraint_values(problem, solution, constraint, t, arc.at(t))
             for t, arc in zip(grids, solution.arcs, strict=True)
         ]
-        level = -ACTIVE * max(float(np.ptp(np.concatenate(values))), 1e-300)
+        level = -ACTIVE * max(float(np.ptp(np.concatenate(values))), TINY)
         for t, c in zip(grids, values, strict=True):
             near = c > level
             runs = np.split(np.arange(t.size), np.flatnonzero(np.diff(near.astype(int))) + 1)

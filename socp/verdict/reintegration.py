@@ -15,6 +15,8 @@ from scipy.integrate import DOP853
 from socp import laws
 from socp.errors import MethodError
 from socp.model import (
+    ROUNDED,
+    TINY,
     Arc,
     Feasibility,
     Mode,
@@ -64,7 +66,7 @@ def end_miss(
         ("final time", solution.final_time, problem.final_time_box),
     ):
         found[name] = max(first - at, at - last, 0.0) / max(
-            solution.final_time - solution.initial_time, 1e-300
+            solution.final_time - solution.initial_time, TINY
         )
     worst = max(found, key=lambda name: np.inf if np.isnan(found[name]) else found[name])
     return found[worst], worst
@@ -120,7 +122,7 @@ def objective_of(
         np.sum(0.5 * (terms[1:] + terms[:-1]) * np.diff(t)) + _magnitude(last, x[:, -1], scale)[0]
     )
     off = abs(solution.objective - value)
-    return value, off / max(size, 1e-300) if off == off else np.inf  # noqa: PLR0124 - nan is far from everything
+    return value, off / max(size, TINY) if off == off else np.inf  # noqa: PLR0124 - nan is far from everything
 
 
 def running_size(problem: Problem, solution: Solution) -> float:
@@ -225,7 +227,7 @@ def _polynomial(times: np.ndarray, values: np.ndarray) -> Control:
     weights = barycentric(times)
     if weights is None:
         return lambda t, _x: lagrange(times, values, np.array([t]))[:, 0]
-    near = 1e-15 * np.ptp(times)
+    near = ROUNDED * np.ptp(times)
 
     def control(t: float, _x: np.ndarray) -> np.ndarray:
         distance = t - times

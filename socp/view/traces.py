@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from socp.model import Arc, lagrange
+from socp.model import TINY, Arc, lagrange
 
 if TYPE_CHECKING:
     from socp.model import Problem, Solution
@@ -96,8 +96,7 @@ def _sampled(arc: Arc, step: float) -> dict[str, np.ndarray]:
     """
     ends = arc.t[arc.mesh]
     counts = [
-        int(np.clip(np.ceil(length / max(step, 1e-300)) + 1, 2, _FINEST))
-        for length in np.diff(ends)
+        int(np.clip(np.ceil(length / max(step, TINY)) + 1, 2, _FINEST)) for length in np.diff(ends)
     ]
     t = np.concatenate(
         [np.linspace(a, b, n) for a, b, n in zip(ends[:-1], ends[1:], counts, strict=True)]

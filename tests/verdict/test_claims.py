@@ -30,8 +30,9 @@ from socp import (
 )
 from socp.cli import main
 from socp.cli.show import facts
-from socp.model.findings import EXTREMAL, FEASIBLE, SHORTEST, Finding, Verdict
+from socp.model.findings import Finding, Verdict
 from socp.model.solution import Stop
+from socp.model.tolerances import EXTREMAL, FEASIBLE, SHORTEST
 from socp.registry.plugins import Registry
 from socp.search.conclusion import bettered, concluded, explained, foremost, pursued
 from socp.search.effort import Ration, Search, clearly, off, precedes
