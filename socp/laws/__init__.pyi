@@ -7,6 +7,7 @@ from .given import check_laws as check_laws
 from .law import arc_law as arc_law
 from .modes import arc_modes as arc_modes
 from .modes import control_modes as control_modes
+from .modes import feedback_function as feedback_function
 from .modes import values as values
 from .principle import derive as derive
 from .principle import extremal_arc as extremal_arc

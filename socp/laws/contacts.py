@@ -6,19 +6,15 @@ import numpy as np
 from socp.errors import MethodError
 from socp.laws import probes as sampled
 from socp.laws.setting import tower
-from socp.model import Constraint, Mode, Problem, Word, column
+from socp.model import Constraint, Mode, Problem, Word, column, once
 
 
+@once
 def acting(problem: Problem, control: int) -> tuple[Constraint, ...]:
     """Return the state constraints on which a control acts: those whose first controlled derivative
     holds it.
     """
-    known: dict[int, tuple[Constraint, ...]] = vars(problem).setdefault(
-        "_acting", {}
-    )  # as its own cached properties
-    if control not in known:
-        known[control] = tuple(c for c in problem.constraints if _acts(problem, c, control))
-    return known[control]
+    return tuple(c for c in problem.constraints if _acts(problem, c, control))
 
 
 def resolved(problem: Problem, word: Word) -> Word:

@@ -5,7 +5,15 @@ from typing import Any, NamedTuple
 import casadi
 import numpy as np
 
-from socp.model import Problem, column, final_time, initial_time, time
+from socp.model import (
+    Problem,
+    column,
+    final_time,
+    initial_time,
+    rate_function,
+    running_function,
+    time,
+)
 
 
 def ends(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
@@ -214,9 +222,7 @@ def _sizes(problem: Problem, runs: _Runs, whole: float) -> np.ndarray:
     """
     named = np.vstack([problem.start_box, problem.end_box, problem.state_box])
     sizes = np.abs(np.where(np.isfinite(named), named, 0.0)).max(axis=0)
-    flow = casadi.Function("f", [problem.x, problem.u, time, problem.p], [problem.rate]).map(
-        runs.x0.shape[1]
-    )
+    flow = rate_function(problem).map(runs.x0.shape[1])
     rate = np.abs(flow(runs.x0, runs.bangs[0], runs.t0, runs.p).full())
     rate = np.where(np.isfinite(rate), rate, 0.0).max(axis=1)
     result: np.ndarray = np.maximum(sizes, np.maximum(rate * whole, np.abs(runs.x0).max(axis=1)))[
@@ -229,9 +235,7 @@ def _simulated(problem: Problem, runs: _Runs, lengths: np.ndarray, steps: int) -
     """Integrate the bang controls for times `lengths` (n,) by Runge-Kutta, states (nx, n) kept
     within their bounds.
     """
-    flow = casadi.Function("f", [problem.x, problem.u, time, problem.p], [problem.rate]).map(
-        lengths.size
-    )
+    flow = rate_function(problem).map(lengths.size)
     low, high = problem.state_box
     x, h = runs.x0, lengths / steps
     for k in range(steps):
@@ -277,10 +281,7 @@ def _cost(problem: Problem, x: np.ndarray, t: np.ndarray, p: np.ndarray) -> floa
     it.
     """
     u = np.zeros((problem.u.numel(), x.shape[1]))
-    running = casadi.Function(
-        "L", [problem.x, problem.u, time, problem.p], [column([problem.lagrangian])]
-    ).map(x.shape[1])
-    value = np.abs(running(x, u, t, p).full())
+    value = np.abs(running_function(problem).map(x.shape[1])(x, u, t, p).full())
     value = value[np.isfinite(value)]
     size = float(np.median(value)) if value.size else 0.0
     return size or (float(value.mean()) if value.size else 0.0) or 1.0

@@ -10,7 +10,7 @@ import numpy as np
 from socp.laws import probes as sampled
 from socp.laws.brackets import extended, hamiltonian_row, switching_row
 from socp.laws.setting import Contact, Setting, homogeneous
-from socp.model import Expr, column
+from socp.model import TINY, Expr, column
 
 _RANK = 1e-9  # of a row: what is left of it outside a span is round-off below
 
@@ -77,5 +77,5 @@ def _basis(rows: np.ndarray) -> np.ndarray:
     """
     length = np.linalg.norm(rows, axis=1, keepdims=True)
     _, s, vt = np.linalg.svd(rows / np.where(length > 0, length, 1.0), full_matrices=False)
-    basis: np.ndarray = vt[s > _RANK * max(float(s[0]), 1e-300)]
+    basis: np.ndarray = vt[s > _RANK * max(float(s[0]), TINY)]
     return basis

@@ -14,7 +14,7 @@ from socp.laws.brackets import hamiltonian_value, total_derivative
 from socp.laws.contacts import acting, resolved
 from socp.laws.principle import Extremal, arc, derive, extremal_arc, setting_of
 from socp.laws.setting import Setting, tower
-from socp.model import Constraint, Expr, Mode, Modes, Problem, column
+from socp.model import Constraint, Expr, Mode, Modes, Problem, column, once
 
 __all__ = [
     "ArcLaw",
@@ -56,18 +56,36 @@ class ArcLaw:
         return self.costate_rate is not None
 
 
+@once
 def arc_law(problem: Problem, modes: Modes) -> ArcLaw:
     """Return the control law of an arc: given by the problem where it gives one, derived otherwise.
 
     Raises MethodError, naming the control and the case, where the law is ambiguous, degenerate or
     cannot be derived.
     """
-    laws: dict[Modes, ArcLaw] = vars(problem).setdefault(
-        "_laws", {}
-    )  # as its own cached properties
-    if modes not in laws:
-        laws[modes] = _arc_law(problem, modes)
-    return laws[modes]
+    setting = setting_of(problem, modes, constant=False)
+    given = {i: law for i in setting.singular if (law := given_singular(problem, i)) is not None}
+    carried = None
+    if all(i in given for i in setting.singular):
+        control = extremal.contact(setting_of(problem, modes, constant=False, given=given)).control
+    else:
+        found = _shared(problem, modes) or extremal_arc(problem, modes)
+        carried = found if found.feedback is None else None
+        control = found.control if found.feedback is None else found.feedback
+    given |= {
+        j: law
+        for j, c in setting.boundary.items()
+        if (law := given_boundary(problem, j, c)) is not None
+    }
+    control = column(given.get(i, control[i]) for i in range(control.numel()))
+    _inside(problem, setting, control)
+    kept = {c.name: tower(problem, c, setting.given)[0] for c in setting.boundary.values()}
+    entry = tuple(e for held in kept.values() for e in held)
+    if carried is None:
+        return ArcLaw(control, entry, frozenset(kept))
+    return ArcLaw(
+        control, entry, frozenset(kept), carried.costate_rate, _costate_entry(problem, carried)
+    )
 
 
 def given_singular(problem: Problem, i: int) -> Expr | None:
@@ -94,32 +112,6 @@ def given_boundary(problem: Problem, j: int, constraint: Constraint) -> Expr | N
     )
     law = given.get(constraint.name) if isinstance(given, Mapping) else given
     return None if law is None else casadi.SX(law)
-
-
-def _arc_law(problem: Problem, modes: Modes) -> ArcLaw:
-    setting = setting_of(problem, modes, constant=False)
-    given = {i: law for i in setting.singular if (law := given_singular(problem, i)) is not None}
-    carried = None
-    if all(i in given for i in setting.singular):
-        control = extremal.contact(setting_of(problem, modes, constant=False, given=given)).control
-    else:
-        found = _shared(problem, modes) or extremal_arc(problem, modes)
-        carried = found if found.feedback is None else None
-        control = found.control if found.feedback is None else found.feedback
-    given |= {
-        j: law
-        for j, c in setting.boundary.items()
-        if (law := given_boundary(problem, j, c)) is not None
-    }
-    control = column(given.get(i, control[i]) for i in range(control.numel()))
-    _inside(problem, setting, control)
-    kept = {c.name: tower(problem, c, setting.given)[0] for c in setting.boundary.values()}
-    entry = tuple(e for held in kept.values() for e in held)
-    if carried is None:
-        return ArcLaw(control, entry, frozenset(kept))
-    return ArcLaw(
-        control, entry, frozenset(kept), carried.costate_rate, _costate_entry(problem, carried)
-    )
 
 
 def _shared(problem: Problem, modes: Modes) -> Extremal | None:

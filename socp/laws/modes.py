@@ -9,7 +9,7 @@ import numpy as np
 
 from socp.errors import MethodError
 from socp.laws import law as laws
-from socp.model import Mode, Modes, Problem, time
+from socp.model import Mode, Modes, Problem, along, once, time
 
 _BANGS = (Mode("lower"), Mode("upper"))
 
@@ -44,17 +44,29 @@ def values(
     problem: Problem, modes: Modes, x: np.ndarray, costate: np.ndarray, t: np.ndarray, p: np.ndarray
 ) -> np.ndarray:
     """Return the controls (nu, n) that the law of an arc gives at x (nx, n), costate (nx, n), t
-    (n,), p (np, n).
+    (n,), p (np,).
 
     They are nan where the law needs a costate that is nan. Raises MethodError where there is no
     law.
     """
-    known: dict[Modes, casadi.Function] = vars(problem).setdefault(
-        "_law_values", {}
-    )  # as its own cached properties
+    given = costate if laws.arc_law(problem, modes).costate else np.nan_to_num(costate)
+    return along(_law_function(problem, modes), x, given, t, p)[0]
+
+
+@once
+def _law_function(problem: Problem, modes: Modes) -> casadi.Function:
+    symbols = [problem.x, problem.costate, time, problem.p]
+    control = laws.arc_law(problem, modes).control
+    return casadi.Function("law", symbols, [casadi.densify(control)])
+
+
+@once
+def feedback_function(problem: Problem, modes: Modes) -> casadi.Function:
+    """Return the control of an arc whose law needs no costate as a function of x, t, p.
+
+    Raises MethodError where there is no such law.
+    """
     law = laws.arc_law(problem, modes)
-    if modes not in known:
-        symbols = [problem.x, problem.costate, time, problem.p]
-        known[modes] = casadi.Function("law", symbols, [casadi.densify(law.control)])
-    given = costate if law.costate else np.nan_to_num(costate)
-    return np.array(known[modes].map(t.size)(x, given, t[None, :], p).full())
+    if law.costate:
+        raise MethodError("a law that depends on the costate is no feedback in the state")
+    return casadi.Function("law", [problem.x, time, problem.p], [casadi.densify(law.control)])

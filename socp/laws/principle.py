@@ -17,7 +17,7 @@ from socp.laws.brackets import extended
 from socp.laws.contacts import followed
 from socp.laws.setting import Contact, Setting
 from socp.laws.singular import Chain, chain, matrix_of
-from socp.model import Expr, Mode, Modes, Problem, column
+from socp.model import Expr, Mode, Modes, Problem, column, once, recalled
 
 
 @final
@@ -111,16 +111,7 @@ def arc(problem: Problem, modes: Modes, *, constant: bool) -> Extremal:
     """Return what the principle says on an arc; free controls are constants, or functions of time
     that vary freely.
     """
-    known: dict[tuple[Modes, bool], Extremal | MethodError] = vars(problem).setdefault(
-        "_extremals", {}
-    )  # cached
-    key = (modes, constant)
-    if key not in known:
-        try:
-            known[key] = _arc(problem, modes, constant=constant)
-        except MethodError as error:
-            known[key] = error
-    found = known[key]
+    found = _found(problem, modes, constant)
     if isinstance(found, MethodError):
         raise found
     return found
@@ -130,15 +121,21 @@ def forget(problem: Problem) -> None:
     """Forget the arcs for which no law was found: points noted since (`socp.laws.probes.note`) may
     show one.
     """
-    known: dict[tuple[Modes, bool], Extremal | MethodError] = vars(problem).get("_extremals", {})
+    known = recalled(problem, _found)
     for key in [key for key, found in known.items() if isinstance(found, MethodError)]:
         del known[key]
 
 
-def _arc(problem: Problem, modes: Modes, *, constant: bool) -> Extremal:
-    setting = setting_of(problem, modes, constant=constant)
-    touch = extremal.contact(setting)
-    return _with_singular(setting, touch) if setting.singular else _without_singular(setting, touch)
+@once
+def _found(problem: Problem, modes: Modes, constant: bool) -> Extremal | MethodError:
+    try:
+        setting = setting_of(problem, modes, constant=constant)
+        touch = extremal.contact(setting)
+        if setting.singular:
+            return _with_singular(setting, touch)
+        return _without_singular(setting, touch)
+    except MethodError as error:
+        return error
 
 
 def _without_singular(setting: Setting, touch: Contact) -> Extremal:

@@ -3,13 +3,12 @@ there.
 """
 
 from collections.abc import Callable
-from weakref import WeakKeyDictionary
 
 import casadi
 import numpy as np
 
 from socp.laws.drawing import ends, reached
-from socp.model import Expr, Problem, time
+from socp.model import TINY, Expr, Problem, once, time
 
 COUNT = 24  # points; a false "zero" would need chance to strike at most of them
 # Points where COUNT of them are too few: what is looked for may lie in a corner of the states
@@ -33,9 +32,6 @@ _NUDGE = 1e-7
 _FAR = 1e3  # spreads: a point moved further than this lies where the problem does not live
 
 Evaluate = Callable[[np.ndarray], tuple[np.ndarray, ...]]
-_BASES: WeakKeyDictionary[Problem, dict[int, np.ndarray]] = WeakKeyDictionary()
-_SPREADS: WeakKeyDictionary[Problem, np.ndarray] = WeakKeyDictionary()
-_NOTED: WeakKeyDictionary[Problem, list[np.ndarray]] = WeakKeyDictionary()
 
 
 def symbols(problem: Problem) -> Expr:
@@ -68,28 +64,25 @@ def evaluator(problem: Problem, *expressions: Expr) -> Evaluate:
     return evaluate
 
 
+@once
 def spread(problem: Problem) -> np.ndarray:
     """Return how much every symbol (nv,) varies over the admissible points; where it does not, a
     bit of its size.
     """
-    if problem not in _SPREADS:
-        points = admissible(problem)
-        size = np.sqrt(np.mean(points**2, axis=1))
-        varies = points.std(axis=1)
-        _SPREADS[problem] = np.where(
-            varies > 1e-9 * size, varies, 1e-3 * np.where(size > 0, size, 1.0)
-        )
-    return _SPREADS[problem]
+    points = admissible(problem)
+    size = np.sqrt(np.mean(points**2, axis=1))
+    varies = points.std(axis=1)
+    return np.where(varies > 1e-9 * size, varies, 1e-3 * np.where(size > 0, size, 1.0))
 
 
 def admissible(problem: Problem, count: int = COUNT) -> np.ndarray:
     """Return points (nv, count) that random bang controls reach from the start, with random
     costates and controls.
     """
-    known = _BASES.setdefault(problem, {})
-    if count not in known:
-        known[count] = reached(problem, count)
-    return known[count].copy()
+    return _reached(problem, count).copy()
+
+
+_reached = once(reached)
 
 
 def scattered(problem: Problem) -> np.ndarray:
@@ -114,12 +107,17 @@ def note(problem: Problem, points: np.ndarray) -> None:
     """Keep points (nv, n) that a solution of the problem shows: laws are looked for from them
     too.
     """
-    _NOTED.setdefault(problem, []).append(points)
+    _noted(problem).append(points)
 
 
 def noted(problem: Problem) -> tuple[np.ndarray, ...]:
     """Return the points (nv, n) kept of solutions, the latest first."""
-    return tuple(reversed(_NOTED.get(problem, [])))
+    return tuple(reversed(_noted(problem)))
+
+
+@once
+def _noted(_problem: Problem) -> list[np.ndarray]:
+    return []
 
 
 def onto(
@@ -279,7 +277,7 @@ def _newton(
         right = np.where(finite[:, None], value / rows, 0.0)
         step = -np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=1e-9), right)
         length = np.linalg.norm(step, axis=1, keepdims=True)
-        step *= np.minimum(1.0, 1.0 / (_INERTIA * length).clip(1e-300))
+        step *= np.minimum(1.0, 1.0 / (_INERTIA * length).clip(TINY))
     return arrived & finite, step.T * weight, np.linalg.norm(right, axis=1)
 
 

@@ -15,7 +15,7 @@ import casadi
 import numpy as np
 
 from socp.laws import probes as sampled
-from socp.model import Expr, Problem
+from socp.model import AREA, ARITHMETIC, HYPERBOLIC, TRIGONOMETRIC, Expr, Problem, coded
 
 _SECONDS = 3.0  # for one formula; what is not simple by then is not going to be
 _LARGEST = 150  # operations of a formula that is simplified in full where no timer can stop it
@@ -23,36 +23,10 @@ _MOST = 0.9  # of the points that have to agree: at a few, both may be 0/0 but f
 _SAME = 1e-9  # relative difference that two ways to evaluate one formula may have
 
 _LARGE = 1e4  # numbers in a sum above which they are divided by the least of them
-_NAMES = (
-    "log",
-    "sqrt",
-    "sin",
-    "cos",
-    "tan",
-    "asin",
-    "acos",
-    "atan",
-    "sinh",
-    "cosh",
-    "tanh",
-    "asinh",
-    "acosh",
-    "atanh",
-    "sign",
-)
 _OPERATIONS: dict[int, str | Callable[..., Any]] = {
-    **{getattr(casadi, f"OP_{name.upper()}"): name for name in _NAMES},
+    **ARITHMETIC,
+    **coded("log", "sqrt", *TRIGONOMETRIC, *HYPERBOLIC, *AREA, "sign"),
     casadi.OP_FABS: "Abs",
-    casadi.OP_ADD: lambda a, b: a + b,
-    casadi.OP_SUB: lambda a, b: a - b,
-    casadi.OP_MUL: lambda a, b: a * b,
-    casadi.OP_DIV: lambda a, b: a / b,
-    casadi.OP_POW: lambda a, b: a**b,
-    casadi.OP_CONSTPOW: lambda a, b: a**b,
-    casadi.OP_NEG: lambda a: -a,
-    casadi.OP_SQ: lambda a: a**2,
-    casadi.OP_TWICE: lambda a: 2 * a,
-    casadi.OP_INV: lambda a: 1 / a,
 }
 
 

@@ -7,7 +7,7 @@ from typing import final
 
 import numpy as np
 
-from socp.model import Agreement, Problem, Solution
+from socp.model import TINY, Agreement, Problem, Solution
 from socp.transcription import Shooting, whole
 from socp.verdict import AWAY, Conditions, System, posed, steps_of
 
@@ -40,7 +40,7 @@ def polished(problem: Problem, solution: Solution, points: int = 10) -> Solution
     moved, _ = settled.system.step(*conditions.values(settled.at, settled.held)[:2])
     cost = conditions.values(settled.at + moved, settled.held)[2]
     agreement = Agreement(
-        objective=abs(cost - settled.cost) / max(abs(cost), 1e-300),
+        objective=abs(cost - settled.cost) / max(abs(cost), TINY),
         switches=float(np.abs(np.cumsum(moved[: 1 + len(phased.phases)])).max()),
     )
     return replace(whole(finer.lifted(settled.at + moved, cost), pieces), agreement=agreement)

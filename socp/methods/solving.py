@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import final
 
 from socp.methods.contract import solve_collocated
-from socp.model import Problem, Solution, Stop, Watch, Word, scales, silent
+from socp.model import OUTSIDE, Problem, Solution, Stop, Watch, Word, scales, silent
 from socp.solvers import Solver, default_backend
 from socp.transcription import PhasedProblem, follow, jointed, lgr, refined, tails, uniform, whole
 from socp.verdict import verify
@@ -106,7 +106,7 @@ def sound(problem: Problem, solution: Solution) -> bool:
     impose.
     """
     low, high = problem.box[0][:, None], problem.box[1][:, None]
-    margin = 1e-6 * (high - low)  # beyond the solver's own tolerance
+    margin = OUTSIDE * (high - low)  # beyond the solver's own tolerance
     return solution.stop.ok and all(
         ((arc.u >= low - margin) & (arc.u <= high + margin)).all() for arc in solution.arcs
     )

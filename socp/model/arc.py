@@ -6,6 +6,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 
+from socp.model.tolerances import ROUNDED
 from socp.model.word import Mode, Modes
 
 Which = Literal["x", "u", "costate"]
@@ -113,7 +114,7 @@ def lagrange(nodes: np.ndarray, values: np.ndarray, t: np.ndarray) -> np.ndarray
         return np.array([np.interp(t, nodes, row) for row in values])
     distance = t[:, None] - nodes[None, :]
     hit = (
-        np.abs(distance) <= 1e-15 * span
+        np.abs(distance) <= ROUNDED * span
     )  # as near as this the quotient overflows, and the value is the node's
     distance[hit] = 1.0
     terms = weights / distance
@@ -130,7 +131,7 @@ def barycentric(nodes: np.ndarray) -> np.ndarray | None:
     """Return the barycentric weights of nodes (p,), None where an interval is so short that
     rounding merges them.
     """
-    if nodes.size < 2 or np.diff(nodes).min() <= 1e-15 * np.abs(nodes).max():
+    if nodes.size < 2 or np.diff(nodes).min() <= ROUNDED * np.abs(nodes).max():
         return None
     # an interval of length 4 has capacity 1: products stay near 1
     gaps = 4.0 * (nodes[:, None] - nodes[None, :]) / np.ptp(nodes)

@@ -9,7 +9,7 @@ import numpy as np
 
 from socp.errors import ProblemError
 from socp.model import advice, keys, ranges, scene
-from socp.model.graph import not_affine
+from socp.model.graph import not_affine, traced
 from socp.model.symbols import (
     Expr,
     final_time,
@@ -124,16 +124,15 @@ def _expressions(problem: "Problem") -> None:
 
 def _finite(place: str, expression: Expr) -> None:
     """Refuse nan and infinity anywhere inside an expression: no solver recovers from either."""
-    function = casadi.Function("part", casadi.symvar(expression), [expression])
-    for k in range(function.n_instructions()):
-        if function.instruction_id(k) != casadi.OP_CONST or math.isfinite(
-            function.instruction_constant(k)
-        ):
-            continue
-        why = advice.not_finite(
-            function.instruction_constant(k), ends=place.startswith(("target", "path"))
-        )
-        raise ProblemError(f"{place}: {plainly(expression)} where a finite value is needed; {why}")
+
+    def looked_at(number: float) -> None:
+        if not math.isfinite(number):
+            why = advice.not_finite(number, ends=place.startswith(("target", "path")))
+            what = f"{plainly(expression)} where a finite value is needed"
+            raise ProblemError(f"{place}: {what}; {why}")
+
+    symbols = casadi.vertcat(*casadi.symvar(expression))
+    traced(expression, symbols, lambda _place: None, looked_at, lambda *_given: None)
 
 
 def _symbols(problem: "Problem") -> None:

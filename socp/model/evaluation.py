@@ -1,9 +1,127 @@
-"""Values and sizes of a problem along a solution."""
+"""A problem along a solution: its functions, each built once, the values they take, and sizes."""
 
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+import casadi
 import numpy as np
 
+from socp.model.parts import Condition, Constraint
 from socp.model.problem import Problem
 from socp.model.solution import Solution
+from socp.model.symbols import Expr, final_time, initial_time, time
+
+Owner = TypeVar("Owner")
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
+
+
+def once(
+    function: Callable[Concatenate[Owner, Given], Found],
+) -> Callable[Concatenate[Owner, Given], Found]:
+    """Decorate a function to be worked out once for each owner, its first argument, and others.
+
+    What it returns stands beside the owner's cached properties: it goes when the owner goes, and
+    neither a copy nor a pickle of a problem takes it along. An error is not kept.
+    """
+
+    @wraps(function)
+    def kept(owner: Owner, /, *args: Given.args, **kwargs: Given.kwargs) -> Found:
+        known = recalled(owner, function)
+        key = (*args, *kwargs.items())
+        if key not in known:
+            known[key] = function(owner, *args, **kwargs)
+        return known[key]
+
+    return kept
+
+
+def recalled(owner: object, function: Callable[..., Found]) -> dict[tuple[Any, ...], Found]:
+    """Return what a function worked out `once` for an owner, by the arguments after the owner."""
+    name = f"{function.__module__}.{function.__qualname__}"
+    known: dict[tuple[Any, ...], Found] = vars(owner).setdefault(name, {})
+    return known
+
+
+# -- functions
+
+
+def end_symbols(problem: Problem) -> list[Expr]:
+    """Return what end conditions and the Mayer term depend on: x(tf), x(t0), p, t0, tf."""
+    return [problem.x, problem.x0, problem.p, initial_time, final_time]
+
+
+def end_values(problem: Problem, solution: Solution) -> list[Any]:
+    """Return the values that a solution gives to the symbols of the ends, in their order."""
+    first, last = solution.arcs[0].x[:, 0], solution.arcs[-1].x[:, -1]
+    times = solution.initial_time, solution.final_time
+    return [last, first, parameters_of(problem, solution), *times]
+
+
+@once
+def mayer_function(problem: Problem) -> casadi.Function:
+    """Return the Mayer term as a function of the symbols of the ends."""
+    return casadi.Function("mayer", end_symbols(problem), [problem.mayer])
+
+
+@once
+def mayer_slopes(problem: Problem) -> casadi.Function:
+    """Return the slopes of the Mayer term, one a symbol of the ends, as a function of these."""
+    return _slopes(problem, problem.mayer)
+
+
+@once
+def condition_function(problem: Problem, condition: Condition) -> casadi.Function:
+    """Return an end condition as a function of the symbols of the ends."""
+    return casadi.Function("psi", end_symbols(problem), [condition.expression])
+
+
+@once
+def condition_slopes(problem: Problem, condition: Condition) -> casadi.Function:
+    """Return the slopes of an end condition, one a symbol of the ends, as a function of these."""
+    return _slopes(problem, condition.expression)
+
+
+def _slopes(problem: Problem, expression: Expr) -> casadi.Function:
+    symbols = end_symbols(problem)
+    slopes = [casadi.densify(casadi.jacobian(expression, each)) for each in symbols]
+    return casadi.Function("slopes", symbols, slopes)
+
+
+@once
+def rate_function(problem: Problem) -> casadi.Function:
+    """Return the rate as a function of x, u, t, p."""
+    return casadi.Function("rate", [problem.x, problem.u, time, problem.p], [problem.rate])
+
+
+@once
+def running_function(problem: Problem) -> casadi.Function:
+    """Return the running cost as a function of x, u, t, p."""
+    return casadi.Function("running", [problem.x, problem.u, time, problem.p], [problem.lagrangian])
+
+
+@once
+def constraint_function(problem: Problem, constraint: Constraint) -> casadi.Function:
+    """Return a state constraint as a function of x, t, p."""
+    return casadi.Function("c", [problem.x, time, problem.p], [constraint.expression])
+
+
+def along(function: casadi.Function, *given: np.ndarray) -> list[np.ndarray]:
+    """Evaluate a function of columns (rows, n), times and parameters at n points.
+
+    The last two of what is given are times (n,) and parameters, (np,) where they are the same
+    everywhere. A result of k columns has k n of them, a point's next to one another.
+    """
+    *columns, t, p = given
+    if not t.size:  # casadi maps over one column at least
+        return [np.empty((function.size1_out(i), 0)) for i in range(function.n_out())]
+    p = p if p.ndim == 2 else np.repeat(p[:, None], t.size, axis=1)
+    found = function.map(t.size)(*columns, t[None, :], p)
+    return [each.full() for each in (found if isinstance(found, tuple) else (found,))]
+
+
+# -- values and sizes
 
 
 def parameters_of(problem: Problem, solution: Solution) -> np.ndarray:

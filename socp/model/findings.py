@@ -10,7 +10,8 @@ from typing import Any, final
 
 import numpy as np
 
-from socp.model.views import view
+from socp.model.data.views import view
+from socp.model.tolerances import EXTREMAL, FEASIBLE, TINY
 from socp.model.word import Mode
 
 
@@ -106,16 +107,6 @@ class Agreement:
         return int(np.clip(-np.log10(max(self.objective, 1e-15)), 0, 15))
 
 
-# one per cent of the magnitude of states and objective: what a second-order grid of some hundred
-# steps reaches
-FEASIBLE = 1e-2
-# residuals of the principle, relative to the Hamiltonian's own terms: six digits, which no grid
-# reaches by luck
-EXTREMAL = 1e-6
-# of the horizon: a shorter arc is none. What it is worth is at most its share of the horizon times
-# the Hamiltonian's magnitude, in which residuals are measured: below their tolerance no condition
-# tells it from none
-SHORTEST = EXTREMAL
 # half as much variation again as the control's running mean: more than the shape of any arc adds
 RINGS = 1.5
 
@@ -365,7 +356,7 @@ def digits_of(error: float, objective: float, most: int = 13) -> int:
     """Return the significant digits of an objective that an error leaves, none where it is not
     known.
     """
-    relative = error / max(abs(objective), 1e-300)
+    relative = error / max(abs(objective), TINY)
     if not math.isfinite(relative):
         return 0
     return max(0, min(most, math.floor(-math.log10(max(relative, 10.0**-most)))))

@@ -11,6 +11,26 @@ import casadi
 from socp.errors import MethodError
 from socp.model.symbols import Expr
 
+Operations = Mapping[int, Callable[..., Any]]
+
+# functions by the names that casadi, Python and most languages give them
+TRIGONOMETRIC = ("sin", "cos", "tan", "asin", "acos", "atan")
+HYPERBOLIC = ("sinh", "cosh", "tanh")
+AREA = ("asinh", "acosh", "atanh")
+POWERS = ("exp", "log", "sqrt")
+ARITHMETIC: Operations = {
+    casadi.OP_ASSIGN: lambda a: a,
+    casadi.OP_ADD: lambda a, b: a + b,
+    casadi.OP_SUB: lambda a, b: a - b,
+    casadi.OP_MUL: lambda a, b: a * b,
+    casadi.OP_DIV: lambda a, b: a / b,
+    casadi.OP_NEG: lambda a: -a,
+    casadi.OP_POW: lambda a, b: a**b,
+    casadi.OP_CONSTPOW: lambda a, b: a**b,
+    casadi.OP_SQ: lambda a: a**2,
+    casadi.OP_TWICE: lambda a: 2 * a,
+    casadi.OP_INV: lambda a: 1 / a,
+}
 _SUMS = {casadi.OP_ADD, casadi.OP_SUB, casadi.OP_NEG, casadi.OP_TWICE, casadi.OP_ASSIGN}
 Held = frozenset[int]  # places of symbols in u
 Bent = dict[
@@ -26,29 +46,19 @@ def not_affine(expression: Expr, u: Expr) -> Bent:
     Derivatives would not do: those of sign(u), or of if_else(u > 0, ..), vanish.
     """
     others = [s for s in casadi.symvar(expression) if not casadi.depends_on(s, u)]
-    function = casadi.Function("part", [u, casadi.vertcat(*others)], [expression])
-    work: dict[
-        int, tuple[Held, Bent]
-    ] = {}  # register -> (symbols held affinely, symbols held otherwise)
-    for k in range(function.n_instructions()):
-        operation, output = function.instruction_id(k), function.instruction_output(k)
-        if operation == casadi.OP_CONST:
-            work[output[0]] = frozenset(), {}
-        elif operation == casadi.OP_INPUT:
-            argument, place = function.instruction_input(k)
-            work[output[0]] = frozenset({place} if argument == 0 else ()), {}
-        elif operation == casadi.OP_OUTPUT:
-            found = work[function.instruction_input(k)[0]][1]
-            return {place: found[place] for place in sorted(found)}
-        else:
-            work[output[0]] = _combined(
-                operation, [work[register] for register in function.instruction_input(k)]
-            )
-    return {}
+    found = traced(
+        expression,
+        casadi.vertcat(u, *others),
+        lambda place: (frozenset({place} if place < u.numel() else ()), {}),
+        lambda _number: (frozenset(), {}),
+        _combined,
+    )[0]
+    bent: Bent = {} if found is None else found[1]
+    return {place: bent[place] for place in sorted(bent)}
 
 
-def _combined(operation: int, given: list[tuple[Held, Bent]]) -> tuple[Held, Bent]:
-    """Return what an operation makes of its arguments."""
+def _combined(operation: int, *given: tuple[Held, Bent]) -> tuple[Held, Bent]:
+    """Return what an operation makes of symbols held affinely and of those held otherwise."""
     held: Held = frozenset().union(*(h for h, _ in given))
     curved: Bent = {place: bend for _, its in given for place, bend in its.items()}
     if operation in _SUMS:
@@ -64,7 +74,33 @@ def _combined(operation: int, given: list[tuple[Held, Bent]]) -> tuple[Held, Ben
     return held, curved if keeps else {**dict.fromkeys(held, operation), **curved}
 
 
-Operations = Mapping[int, Callable[..., Any]]
+def traced(
+    expressions: Expr,
+    symbols: Expr,
+    of_symbol: Callable[[int], Any],
+    of_number: Callable[[float], Any],
+    of_operation: Callable[..., Any],
+) -> list[Any]:
+    """Return what expressions (m, 1) of symbols (n, 1) come to, step by step as casadi evaluates.
+
+    A value of any kind is made of a symbol's place, of a number, and of an operation's code with
+    the values of its arguments. None stands for an expression that is zero throughout.
+    """
+    function = casadi.Function("traced", [symbols], [casadi.densify(expressions)])
+    found: list[Any] = [None] * casadi.SX(expressions).numel()
+    work: dict[int, Any] = {}
+    for k in range(function.n_instructions()):
+        operation, into = function.instruction_id(k), function.instruction_input(k)
+        out = function.instruction_output(k)
+        if operation == casadi.OP_CONST:
+            work[out[0]] = of_number(float(function.instruction_constant(k)))
+        elif operation == casadi.OP_INPUT:
+            work[out[0]] = of_symbol(into[1])
+        elif operation == casadi.OP_OUTPUT:
+            found[out[1]] = work[into[0]]
+        else:
+            work[out[0]] = of_operation(operation, *(work[register] for register in into))
+    return found
 
 
 def walked(
@@ -82,28 +118,21 @@ def walked(
     number. Where an operation is missing, `unknown` is called in its place; without one,
     MethodError names the operation.
     """
-    function = casadi.Function("walked", [symbols], [casadi.densify(expressions)])
-    found: list[Any] = [constant(0.0)] * expressions.numel()
-    work: dict[int, Any] = {}
-    for k in range(function.n_instructions()):
-        operation, output = function.instruction_id(k), function.instruction_output(k)
-        if operation == casadi.OP_CONST:
-            work[output[0]] = constant(float(function.instruction_constant(k)))
-        elif operation == casadi.OP_INPUT:
-            work[output[0]] = values[function.instruction_input(k)[1]]
-        elif operation == casadi.OP_OUTPUT:
-            found[output[1]] = work[function.instruction_input(k)[0]]
-        else:
-            called = operations.get(operation, unknown)
-            if called is None:
-                raise MethodError(
-                    f"the expression holds '{operation_name(operation)}', which has no "
-                    "translation here"
-                )
-            work[output[0]] = called(
-                *(work[register] for register in function.instruction_input(k))
-            )
-    return found
+
+    def applied(operation: int, *arguments: Any) -> Any:
+        called = operations.get(operation, unknown)
+        if called is None:
+            named = operation_name(operation)
+            raise MethodError(f"the expression holds '{named}', which has no translation here")
+        return called(*arguments)
+
+    found = traced(expressions, symbols, values.__getitem__, constant, applied)
+    return [constant(0.0) if each is None else each for each in found]
+
+
+def coded(*names: str) -> dict[int, str]:
+    """Return the names of operations by casadi's codes."""
+    return {int(getattr(casadi, f"OP_{name.upper()}")): name for name in names}
 
 
 def operation_name(operation: int) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from socp.errors import ProblemError
 from socp.model import advice, checks, keys
 from socp.model.data import portable
+from socp.model.data.views import view
 from socp.model.parts import Condition, Constraint, Reference
 from socp.model.ranges import interval, rows
 from socp.model.scene import Scene
@@ -30,7 +31,6 @@ from socp.model.symbols import (
     states,
     time,
 )
-from socp.model.views import view
 
 _TIMES = ("time", "t", "t0", "tf")  # names of the time and of its ends
 

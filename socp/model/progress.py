@@ -1,7 +1,7 @@
 """What a solver or a search tells while it runs, and who listens."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol, final
 
 import numpy as np
@@ -38,6 +38,21 @@ class Watch(Protocol):
 
     def __call__(self, progress: Progress, /) -> bool:
         """Look at the progress."""
+
+
+def telling(watch: Watch, stage: str, word: str, best: Solution | None) -> Watch:
+    """Return a watch that is told of the word a search is at and of its best solution so far too.
+
+    A silent one stays silent: what nobody sees is not worked out.
+    """
+    if watch is silent:
+        return silent
+    verdict = best.verdict if best else None
+    told = {
+        "best": best.objective if best else float("nan"),
+        "violation": verdict.residual if verdict else float("nan"),
+    }
+    return lambda now: watch(replace(now, stage=stage, word=word, **told))
 
 
 def silent(_progress: Progress, /) -> bool:

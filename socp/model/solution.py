@@ -15,8 +15,9 @@ from socp.errors import SolveError
 from socp.model.arc import Arc, Which, lagrange
 from socp.model.data import files as results
 from socp.model.data.files import SCHEMA, write_atomic
-from socp.model.findings import EXTREMAL, Agreement, Feasibility, Node, Verdict
-from socp.model.views import view
+from socp.model.data.views import view
+from socp.model.findings import Agreement, Feasibility, Node, Verdict
+from socp.model.tolerances import EXTREMAL
 from socp.process import read_text
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ shown as an escape.
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 # control characters (C0 but line feed and tab, DEL, C1), marks of reading direction, line and
@@ -83,39 +83,34 @@ def shown(value: Any) -> str:
     """Return how Python writes a value, on one line and shortened; a value that cannot be written
     is named by type.
     """
-    try:
-        text = repr(value)
-    except KeyboardInterrupt:
-        raise
-    except BaseException:  # noqa: BLE001 - a value of a stranger's class may raise anything here
-        return f"a {type(value).__name__} that cannot be printed"
-    return short(text)
+    text = _written(repr, value)
+    return f"a {type(value).__name__} that cannot be printed" if text is None else short(text)
 
 
 def plainly(value: Any) -> str:
     """Return a value as a reader knows it, `x` and not `SX(x)`, on one line, shortened and safe as
     `shown`.
     """
-    try:
-        text = str(value)
-    except KeyboardInterrupt:
-        raise
-    except BaseException:  # noqa: BLE001 - as above
-        return shown(value)
-    return short(text)
+    text = _written(str, value)
+    return shown(value) if text is None else short(text)
 
 
 def said(error: BaseException) -> str:
     """Return the text of an error on one line, empty where it has none; one that cannot be printed
     says so.
     """
+    text = _written(str, error)
+    return "its text cannot be printed" if text is None else short(text, _TEXT)
+
+
+def _written(write: Callable[[Any], str], value: Any) -> str | None:
+    """Return what `repr` or `str` writes, None where that fails."""
     try:
-        text = str(error)
+        return write(value)
     except KeyboardInterrupt:
         raise
-    except BaseException:  # noqa: BLE001 - as above
-        return "its text cannot be printed"
-    return short(text, _TEXT)
+    except BaseException:  # noqa: BLE001 - a value of a stranger's class may raise anything here
+        return None
 
 
 def short(text: str, most: int = _LONG) -> str:

@@ -14,7 +14,18 @@ import numpy as np
 
 from socp.errors import SocpError
 from socp.methods import Method, check_options, default_guess, described
-from socp.model import Arc, Problem, Progress, Solution, Stop, Watch, time
+from socp.model import (
+    OUTSIDE,
+    SAME_TIME,
+    Arc,
+    Problem,
+    Progress,
+    Solution,
+    Stop,
+    Watch,
+    parameters_of,
+    time,
+)
 from socp.registry.standard import STANDARD, Standard
 from socp.verdict import verify
 
@@ -23,7 +34,6 @@ __all__ = ["STANDARD", "Finding", "Standard", "assert_conforms", "check_problem"
 # Of objective and feasibility, relative: what a first-order method reaches on some hundred steps
 TOLERANCE = 2e-2
 _COSTATES = 5.0  # times the tolerance: where controls ring, the multipliers ring more
-_ROUNDING = 1e-6  # by which a control may leave its box, relative to the box's width
 
 
 @final
@@ -79,7 +89,7 @@ def check_problem(problem: Problem) -> list[Finding]:
     """
     guess = default_guess(problem)
     t, x, u = guess.t, guess.rows("x"), guess.rows("u")
-    p = np.array([guess.parameters[name] for name in problem.parameter_names]).reshape(-1, 1)
+    p = parameters_of(problem, guess)[:, None]
     found = [
         Finding(problem.name, place, text)
         for place, text in _not_finite(problem, (x, u, t[None, :], p))
@@ -218,7 +228,7 @@ def _values(problem: Problem, solution: Solution) -> Iterator[str]:
     for k, arc in enumerate(solution.arcs):
         yield from (f"arc {k}: {text}" for text in _arc_values(problem, arc))
     for k, (left, right) in enumerate(zip(solution.arcs[:-1], solution.arcs[1:], strict=True)):
-        if abs(left.t[-1] - right.t[0]) > 1e-9 * horizon:
+        if abs(left.t[-1] - right.t[0]) > SAME_TIME * horizon:
             yield f"arc {k} ends at {left.t[-1]}, the next begins at {right.t[0]}"
 
 
@@ -229,7 +239,7 @@ def _arc_values(problem: Problem, arc: Arc) -> Iterator[str]:
         if not np.isfinite(getattr(arc, which)).all():
             yield f"{which} is not finite"
     low, high = problem.box[0][:, None], problem.box[1][:, None]
-    slack = _ROUNDING * (high - low)
+    slack = OUTSIDE * (high - low)
     collocated = np.hstack([arc.u[:, arc.nodes(k, "u")] for k in range(len(arc.mesh) - 1)])
     if ((collocated < low - slack) | (collocated > high + slack)).any():
         yield "a control leaves its box"

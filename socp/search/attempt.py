@@ -11,7 +11,7 @@ import numpy as np
 
 from socp.errors import MethodError, SolveError
 from socp.methods import solve_collocated, sound
-from socp.model import Problem, Solution, Watch, Word, silent
+from socp.model import SAME_TIME, Problem, Solution, Watch, Word, silent
 from socp.search.candidate import Candidate, merged, planted, without
 from socp.search.effort import Ration
 from socp.solvers import Backend
@@ -81,7 +81,7 @@ def staggered(now: Candidate) -> Iterator[Candidate]:
             between = (*before[:i], b, *before[i + 1 :])
             if a != b and between != after:
                 yield planted(
-                    now, between, now.edges[k + 1] - 1e-9 * (now.edges[-1] - now.edges[0])
+                    now, between, now.edges[k + 1] - SAME_TIME * (now.edges[-1] - now.edges[0])
                 )
 
 

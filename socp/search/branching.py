@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 
 from socp.methods import sound
-from socp.model import SHORTEST, Modes, Node, Solution, Stop, Watch, Word, scales, silent
+from socp.model import SHORTEST, Modes, Node, Solution, Stop, Watch, Word, scales, silent, telling
 from socp.search.attempt import Coarse, staggered, trimmed
 from socp.search.candidate import Candidate, planted
 from socp.search.effort import node, rank
@@ -269,11 +269,8 @@ class Branching:
             )
 
     def _watched(self, watch: Watch, now: Candidate) -> Watch:
-        if watch is silent:
-            return silent
-        best = self.lead.source.objective if self.lead else float("nan")
-        word = Word(self.coarse.problem.control_names, now.arcs)
-        return lambda progress: watch(replace(progress, stage="word", word=str(word), best=best))
+        word = str(Word(self.coarse.problem.control_names, now.arcs))
+        return telling(watch, "word", word, self.lead.source if self.lead else None)
 
     def _note(self, now: Candidate, solution: Solution | None) -> None:
         self.nodes.append(node(str(Word(self.coarse.problem.control_names, now.arcs)), solution))

@@ -6,7 +6,7 @@ import numpy as np
 
 from socp.errors import MethodError, SolveError
 from socp.methods import Follower, polished, sound
-from socp.model import Agreement, Problem, Solution, Stop, Watch, Word, silent
+from socp.model import TINY, Agreement, Problem, Solution, Stop, Watch, Word, silent
 from socp.search.neighbours import dropped, spelled
 from socp.solvers import Solver
 from socp.verdict import judge
@@ -122,7 +122,7 @@ def _compared(
 
 def apart(one: Solution, other: Solution) -> Agreement:
     """Return how far two solutions along one word are apart."""
-    size = max(abs(one.objective), abs(other.objective), 1e-300)
+    size = max(abs(one.objective), abs(other.objective), TINY)
     ends = np.abs(
         np.append(one.junctions, one.final_time) - np.append(other.junctions, other.final_time)
     )

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 from typing import final
 
-from socp.model import EXTREMAL, FEASIBLE, Node, Solution, Stop, Watch, silent
+from socp.model import EXTREMAL, FEASIBLE, Node, Solution, Stop, Watch, silent, telling
 from socp.solvers import NLP, Backend, NLPPoint, default_backend
 
 _WORDS = 80  # words tried from all direct solutions together
@@ -73,14 +73,7 @@ class Search:
         """Return a watch that is told of the word being tried and of the best solution so far as
         well.
         """
-        if watch is silent:
-            return silent
-        best = self.best.objective if self.best else float("nan")
-        verdict = self.best.verdict if self.best else None
-        violation = verdict.residual if verdict else float("nan")
-        return lambda now: watch(
-            replace(now, stage="word", word=word, best=best, violation=violation)
-        )
+        return telling(watch, "word", word, self.best)
 
     def note(self, word: str, solution: Solution | None) -> None:
         """Keep what became of a word."""

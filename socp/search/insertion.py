@@ -15,11 +15,22 @@ import casadi
 import numpy as np
 
 from socp.laws import values
-from socp.model import Mode, Modes, Problem, Solution, column, parameters_of, time
+from socp.model import (
+    OUTSIDE,
+    TINY,
+    Mode,
+    Modes,
+    Problem,
+    Solution,
+    along,
+    column,
+    once,
+    parameters_of,
+    time,
+)
 
 _NODES = 24  # looks at an arc: its own nodes are few, and crowd at its ends
 _ACTIVE = 1e-6  # of a constraint's range: nearer counts as on it
-_OUTSIDE = 1e-6  # of a box: further out a law is not admissible
 _TURN = 1e-9  # of a constraint's range over its arc: slower counts as along it
 
 
@@ -58,17 +69,9 @@ def magnitude(problem: Problem, solution: Solution) -> float:
     """Return the magnitude of the Hamiltonian's terms along a solution: max of |L| + sum of
     |lambda_i x'_i|.
     """
+    x, u, costate = (solution.rows(which) for which in ("x", "u", "costate"))
     p = parameters_of(problem, solution)
-    given = (
-        solution.rows("x"),
-        solution.rows("u"),
-        np.nan_to_num(solution.rows("costate")),
-        solution.t[None, :],
-    )
-    terms = _functions(problem)["terms"].map(solution.t.size)(
-        *given, np.repeat(p[:, None], solution.t.size, axis=1)
-    )
-    return float(np.max(terms.full()))
+    return float(np.max(along(_terms(problem), x, u, np.nan_to_num(costate), solution.t, p)[0]))
 
 
 @final
@@ -91,10 +94,7 @@ class _Nodes:
 
     def energy(self, u: np.ndarray) -> np.ndarray:
         """Return the Hamiltonian (n,) under controls u (nu, n)."""
-        energy = _functions(self.problem)["energy"].map(self.t.size)(
-            self.x, u, self.costate, self.t[None, :], self.p
-        )
-        return np.array(energy.full()).ravel()
+        return along(_energy(self.problem), self.x, u, self.costate, self.t, self.p)[0].ravel()
 
     @property
     def ends(self) -> np.ndarray:
@@ -107,17 +107,15 @@ class _Nodes:
         modes.
         """
         low, high = (row[:, None] for row in self.problem.box)
-        margin = _OUTSIDE * (high - low)
+        margin = OUTSIDE * (high - low)
         allowed: np.ndarray = ((u >= low - margin) & (u <= high + margin)).all(axis=0)
         if not self.problem.constraints:
             return allowed
-        path = _functions(self.problem)["path"].map(self.t.size)(self.x, u, self.t[None, :], self.p)
+        path = along(_path(self.problem), self.x, u, self.t, self.p)
         named = {mode.constraint for mode in modes if mode.constraint}
         horizon = self.t[-1] - self.t[0]
-        for c, growth, constraint in zip(
-            *(each.full() for each in path), self.problem.constraints, strict=True
-        ):
-            size = max(float(np.ptp(c)), float(np.abs(growth).max()) * horizon, 1e-300)
+        for c, growth, constraint in zip(*path, self.problem.constraints, strict=True):
+            size = max(float(np.ptp(c)), float(np.abs(growth).max()) * horizon, TINY)
             on = c > -_ACTIVE * size
             kept = np.array([Mode("boundary", constraint.name) in own[k] for k in self.arc])
             if constraint.name in named:
@@ -142,11 +140,9 @@ def _nodes(problem: Problem, solution: Solution) -> _Nodes:
         np.hstack([row[i] for row in rows]) if rows else np.empty((n, 0))
         for i, n in enumerate(count)
     )
-    p = parameters_of(problem, solution)
     t = np.concatenate(times) if times else np.empty(0)
-    return _Nodes(
-        problem, t, np.repeat(at, _NODES), x, u, costate, np.repeat(p[:, None], t.size, axis=1)
-    )
+    p = parameters_of(problem, solution)
+    return _Nodes(problem, t, np.repeat(at, _NODES), x, u, costate, p)
 
 
 def _of(nodes: _Nodes, solution: Solution, modes: Modes) -> Iterator[Insertion]:
@@ -160,21 +156,24 @@ def _of(nodes: _Nodes, solution: Solution, modes: Modes) -> Iterator[Insertion]:
             yield Insertion(modes, int(k), float(nodes.t[best]), float(slope[best]))
 
 
-def _functions(problem: Problem) -> dict[str, casadi.Function]:
-    """Return the functions of a problem that are looked at: built once, kept as its own cached
-    properties are.
-    """
-    found: dict[str, casadi.Function] = vars(problem).setdefault("_insertion", {})
-    if not found:
-        c = column(each.expression for each in problem.constraints)
-        growth = casadi.jtimes(c, problem.x, problem.rate) + casadi.jacobian(c, time)
-        terms = casadi.fabs(problem.lagrangian) + casadi.dot(
-            casadi.fabs(problem.costate), casadi.fabs(problem.rate)
-        )
-        full = [problem.x, problem.u, problem.costate, time, problem.p]
-        found["energy"] = casadi.Function("energy", full, [problem.hamiltonian])
-        found["terms"] = casadi.Function("terms", full, [terms])
-        found["path"] = casadi.Function(
-            "path", [problem.x, problem.u, time, problem.p], [c, growth]
-        )
-    return found
+@once
+def _energy(problem: Problem) -> casadi.Function:
+    symbols = [problem.x, problem.u, problem.costate, time, problem.p]
+    return casadi.Function("energy", symbols, [problem.hamiltonian])
+
+
+@once
+def _terms(problem: Problem) -> casadi.Function:
+    """Return the sum of the Hamiltonian's terms by absolute value, as a function."""
+    symbols = [problem.x, problem.u, problem.costate, time, problem.p]
+    of_costates = casadi.dot(casadi.fabs(problem.costate), casadi.fabs(problem.rate))
+    return casadi.Function("terms", symbols, [casadi.fabs(problem.lagrangian) + of_costates])
+
+
+@once
+def _path(problem: Problem) -> casadi.Function:
+    """Return the state constraints and their growth as a function."""
+    c = column(each.expression for each in problem.constraints)
+    growth = casadi.jtimes(c, problem.x, problem.rate) + casadi.jacobian(c, time)
+    symbols = [problem.x, problem.u, time, problem.p]
+    return casadi.Function("path", symbols, [casadi.densify(c), casadi.densify(growth)])

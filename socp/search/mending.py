@@ -9,7 +9,7 @@ import numpy as np
 
 from socp import laws
 from socp.laws import arc_modes, control_modes
-from socp.model import EXTREMAL, SHORTEST, Mode, Place, Problem, Solution
+from socp.model import EXTREMAL, OUTSIDE, SHORTEST, Mode, Place, Problem, Solution
 from socp.search.candidate import Candidate, insert, merged, without
 from socp.verdict import constraint_values, misfit
 
@@ -84,7 +84,7 @@ def _outside(problem: Problem, now: Candidate) -> Iterator[Candidate]:
         for i, (low, high) in enumerate(problem.box.T):
             excess = np.maximum(low - arc.u[i], arc.u[i] - high)
             k = int(np.argmax(excess))
-            if excess[k] > 1e-6 * (high - low):
+            if excess[k] > OUTSIDE * (high - low):
                 bound = Mode("upper" if arc.u[i, k] > high else "lower")
                 yield insert(now, i, bound, float(arc.t[k]))
 

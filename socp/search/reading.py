@@ -4,12 +4,12 @@ singular law.
 
 from itertools import pairwise
 
-import casadi
 import numpy as np
+from casadi import Function
 
 from socp import laws
 from socp.errors import MethodError
-from socp.model import Arc, Mode, Problem, Solution, parameters_of, time
+from socp.model import SAME_TIME, Arc, Mode, Problem, Solution, along, parameters_of
 from socp.search.candidate import Candidate, insert, merged
 from socp.verdict import structure_of
 
@@ -77,30 +77,24 @@ def _deviations(
         if not span[0] <= (a + b) / 2.0 <= span[1]:
             continue
         try:
-            law = laws.arc_law(problem, modes)
+            law = laws.feedback_function(problem, modes)
         except MethodError:
             continue
-        if law.costate:
-            continue
-        function = casadi.Function("law", [problem.x, time, problem.p], [law.control[i]])
         for arc in given.source.arcs:
             for k in range(len(arc.mesh) - 1):
                 t = arc.t[arc.nodes(k, "u")]
                 if a <= t.mean() <= b:
                     middles.append(float(t.mean()))
-                    means.append(_mean(problem, given, arc, (k, i, function)))
+                    means.append(_mean(problem, given, arc, (k, i, law)))
     order = np.argsort(middles)
     return np.array(middles)[order], np.array(means)[order]
 
 
-def _mean(
-    problem: Problem, given: Candidate, arc: Arc, what: tuple[int, int, casadi.Function]
-) -> float:
+def _mean(problem: Problem, given: Candidate, arc: Arc, what: tuple[int, int, Function]) -> float:
     k, i, law = what
     nodes = arc.nodes(k, "u")
     x, t = arc.x[:, nodes], arc.t[nodes]
-    p = np.repeat(parameters_of(problem, given.source)[:, None], t.size, axis=1)
-    off = arc.u[i, nodes] - law.map(t.size)(x, t[None, :], p).full().ravel()
+    off = arc.u[i, nodes] - along(law, x, t, parameters_of(problem, given.source))[0][i]
     ends = arc.t[arc.mesh[k : k + 2]]
     tau = (2.0 * t - ends.sum()) / np.ptp(ends)
     # the mean of the polynomial through the nodes: the first of its Legendre coefficients
@@ -112,7 +106,7 @@ def candidate(
 ) -> Candidate:
     """Return the word that the stretches of all controls spell together."""
     start, end = solution.initial_time, solution.final_time
-    apart = 1e-9 * (end - start)
+    apart = SAME_TIME * (end - start)
     times = sorted(
         {t for row in stretches.values() for _, _, t in row[:-1] if start + apart < t < end - apart}
     )

@@ -16,7 +16,7 @@ import numpy as np
 
 from socp.errors import SolveError
 from socp.laws import values
-from socp.model import Modes, Problem, Solution, parameters_of
+from socp.model import TINY, Modes, Problem, Solution, parameters_of
 from socp.process import aside
 from socp.search.candidate import Candidate, merged
 from socp.verdict import constraint_values
@@ -207,8 +207,7 @@ def _laid(problem: Problem, solution: Solution, modes: Sequence[Modes], edges: n
     low, high = (row[:, None] for row in problem.box)
     t = 0.5 * (edges[1:] + edges[:-1])
     relaxed = (np.clip(solution.at(t, "u"), low, high) - low) / (high - low)
-    p = np.repeat(parameters_of(problem, solution)[:, None], t.size, axis=1)
-    given = solution.at(t), solution.at(t, "costate"), t, p
+    given = solution.at(t), solution.at(t, "costate"), t, parameters_of(problem, solution)
     raw = np.array([(values(problem, each, *given) - low) / (high - low) for each in modes])
     inside = np.isfinite(raw) & (raw > -_NEAR) & (raw < 1.0 + _NEAR)
     near = {
@@ -224,4 +223,4 @@ def _laid(problem: Problem, solution: Solution, modes: Sequence[Modes], edges: n
 
 
 def _near(c: np.ndarray) -> np.ndarray:
-    return np.array(c > -_NEAR * max(float(np.ptp(c)), 1e-300))
+    return np.array(c > -_NEAR * max(float(np.ptp(c)), TINY))

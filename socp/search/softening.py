@@ -9,7 +9,16 @@ from functools import cache
 import casadi
 import numpy as np
 
-from socp.model import Expr, Problem, Solution, column, final_time, initial_time, parameters, scales
+from socp.model import (
+    Expr,
+    Problem,
+    Solution,
+    column,
+    condition_slopes,
+    end_values,
+    parameters,
+    scales,
+)
 
 _HIGHER = 3.0  # the price over the worth of an end condition: above 1 the penalty is exact
 _NAME = "slack"  # begins the names of the slacks
@@ -66,15 +75,9 @@ def _conditions(problem: Problem, near: Solution) -> Iterator[tuple[str, str, Ex
             yield name, "above", problem.x[i] - high[i], scale[i]
         if np.isfinite(low[i]):
             yield name, "below", low[i] - problem.x[i], scale[i]
-    symbols = casadi.vertcat(problem.x, problem.x0, problem.p, initial_time, final_time)
-    p = [near.parameters[name] for name in problem.parameter_names]
-    values = np.concatenate(
-        [near.arcs[-1].x[:, -1], near.arcs[0].x[:, 0], p, [near.initial_time, near.final_time]]
-    )
+    values = end_values(problem, near)
     for each in problem.conditions:
-        slope = casadi.Function("slope", [symbols], [casadi.jacobian(each.expression, problem.x)])(
-            values
-        ).full()[0]
+        slope = condition_slopes(problem, each)(*values)[0].full()[0]
         size = float(np.abs(slope) @ scale) or 1.0
         yield each.name, "above", each.expression, size
         if each.equation:

@@ -7,7 +7,6 @@ kept as an incumbent.
 """
 
 import math
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -59,14 +58,9 @@ class Bonmin:
         to branch on. Last comes a solve with all of them free, from the best point so far, for what
         is better than that.
         """
-        until = time.time() + seconds
-        with tempfile.TemporaryDirectory(prefix="socp-") as place:
-            job = programme_job(nlp, starts, Path(place)) | {
-                "options": {**_DEFAULTS, **self.options}
-            }
-            return solved_apart(
-                nlp, starts[0], Job(__name__, Path(place), job, until, "bonmin"), watch
-            )
+        options = {"options": {**_DEFAULTS, **self.options}}
+        job = Job(__name__, "bonmin", seconds, lambda at: programme_job(nlp, starts, at) | options)
+        return solved_apart(nlp, starts[0], job, watch)
 
 
 def work(job: Mapping[str, Any], tell: Tell) -> None:

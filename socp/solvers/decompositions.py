@@ -7,7 +7,6 @@ bound is one.
 """
 
 import logging
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -59,17 +58,17 @@ class Decomposition:
         """Solve for so many seconds at most; `nlp` is the collocated reduction, against which
         points are checked.
         """
-        until = time.time() + seconds
-        with tempfile.TemporaryDirectory(prefix="socp-") as place:
-            folder = Path(place)
+
+        def prepared(folder: Path) -> dict[str, Any]:
             (folder / "model.py").write_text(self.script, encoding="utf-8")
-            job = {
+            return {
                 "solver": self.name,
                 "binaries": self.binaries,
                 "seeds": self.seeds,
                 "options": {**_OPTIONS[self.name], **self.options},
             }
-            return solved_apart(nlp, starts[0], Job(__name__, folder, job, until, self.name), watch)
+
+        return solved_apart(nlp, starts[0], Job(__name__, self.name, seconds, prepared), watch)
 
 
 def work(job: Mapping[str, Any], tell: Tell) -> None:

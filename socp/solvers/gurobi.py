@@ -3,7 +3,6 @@ a proved bound.
 """
 
 import importlib.util
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -42,12 +41,11 @@ class Gurobi:
         self, nlp: NLP, starts: Sequence[NLPPoint], seconds: float, watch: Watch = silent
     ) -> Outcome:
         """Solve for so many seconds at most, from the first start."""
-        until = time.time() + seconds
-        with tempfile.TemporaryDirectory(prefix="socp-") as place:
-            job = programme_job(nlp, starts[:1], Path(place)) | {"options": dict(self.options)}
-            return solved_apart(
-                nlp, starts[0], Job(__name__, Path(place), job, until, "gurobi"), watch
-            )
+        options = {"options": dict(self.options)}
+        job = Job(
+            __name__, "gurobi", seconds, lambda at: programme_job(nlp, starts[:1], at) | options
+        )
+        return solved_apart(nlp, starts[0], job, watch)
 
 
 def work(job: Mapping[str, Any], tell: Tell) -> None:

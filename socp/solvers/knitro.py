@@ -4,7 +4,6 @@ solves.
 
 import importlib.util
 import os
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -43,12 +42,9 @@ class Knitro:
         """Solve from one start after the other, in all for so many seconds; the best verified point
         comes back.
         """
-        until = time.time() + seconds
-        with tempfile.TemporaryDirectory(prefix="socp-") as place:
-            job = programme_job(nlp, starts, Path(place)) | {"options": dict(self.options)}
-            return solved_apart(
-                nlp, starts[0], Job(__name__, Path(place), job, until, "knitro"), watch
-            )
+        options = {"options": dict(self.options)}
+        job = Job(__name__, "knitro", seconds, lambda at: programme_job(nlp, starts, at) | options)
+        return solved_apart(nlp, starts[0], job, watch)
 
 
 def work(job: Mapping[str, Any], tell: Tell) -> None:

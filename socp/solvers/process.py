@@ -9,8 +9,9 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, final
@@ -80,15 +81,14 @@ class Outcome:
 @final
 @dataclass(frozen=True)
 class Job:
-    """One run of a solver: the module whose `work` is called with `job`, in a folder, until a time
-    of the clock.
+    """One run of a solver: the module whose `work` is called, for so many seconds, with what
+    `prepared` says of the programme and writes into a folder.
     """
 
     module: str
-    folder: Path
-    job: Mapping[str, Any]
-    until: float
     name: str
+    seconds: float
+    prepared: Callable[[Path], Mapping[str, Any]]
 
 
 @final
@@ -175,25 +175,27 @@ def solved_apart(nlp: NLP, guess: NLPPoint, job: Job, watch: Watch) -> Outcome:
     Ctrl-C, or a watch that answers true, ends it too; then the best point so far comes back as
     interrupted.
     """
-    began, told = time.perf_counter(), _Told(nlp, job.name)
-    kill_after = max(job.until - time.time(), 0.0) + GRACE
-    text = json.dumps(
-        {**job.job, "until": job.until, "killed_after": kill_after, "parent": os.getpid()}
-    )
-    (job.folder / "job.json").write_text(text, encoding="utf-8")
-    ended = "interrupted"
-    with contextlib.suppress(KeyboardInterrupt):
-        ended = _attended(job, told, watch, began + kill_after)
-    return _outcome(told, guess, ended, time.perf_counter() - began)
+    until = time.time() + job.seconds
+    with tempfile.TemporaryDirectory(prefix="socp-") as place:
+        folder = Path(place)
+        said = job.prepared(folder)
+        began, told = time.perf_counter(), _Told(nlp, job.name)
+        kill_after = max(until - time.time(), 0.0) + GRACE
+        limits = {"until": until, "killed_after": kill_after, "parent": os.getpid()}
+        (folder / "job.json").write_text(json.dumps({**said, **limits}), encoding="utf-8")
+        ended = "interrupted"
+        with contextlib.suppress(KeyboardInterrupt):
+            ended = _attended((job.module, folder), told, watch, began + kill_after)
+        return _outcome(told, guess, ended, time.perf_counter() - began)
 
 
-def _attended(job: Job, told: _Told, watch: Watch, deadline: float) -> str:
+def _attended(run: tuple[str, Path], told: _Told, watch: Watch, deadline: float) -> str:
     """Listen to a solver until it ends or has to be ended; returns how it ended."""
     # -P: a file such as signal.py or json.py in the current folder is none of Python's
-    command = [sys.executable, "-P", "-m", "socp.solvers.worker", job.module, str(job.folder)]
-    count = 0
-    with (job.folder / "log.txt").open("wb") as log, _process(command, log, job.folder) as process:
-        lines = _lines(job.folder / TOLD)
+    (module, folder), count = run, 0
+    command = [sys.executable, "-P", "-m", "socp.solvers.worker", module, str(folder)]
+    with (folder / "log.txt").open("wb") as log, _process(command, log, folder) as process:
+        lines = _lines(folder / TOLD)
         while True:
             code = process.poll()  # before reading: what it said at its end is then read too
             for line in iter(lambda: next(lines), ""):

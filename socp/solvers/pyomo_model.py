@@ -7,7 +7,7 @@ from typing import Any
 import casadi
 import numpy as np
 
-from socp.model import walked
+from socp.model import AREA, ARITHMETIC, HYPERBOLIC, POWERS, TRIGONOMETRIC, coded, walked
 from socp.solvers.contract import NLP
 
 
@@ -86,25 +86,9 @@ def _operations() -> Mapping[int, Callable[..., Any]]:
     import pyomo.environ as pyo
     from pyomo.core.expr import Expr_if
 
-    named = (
-        "sin",
-        "cos",
-        "tan",
-        "asin",
-        "acos",
-        "atan",
-        "sinh",
-        "cosh",
-        "tanh",
-        "asinh",
-        "acosh",
-        "atanh",
-        "exp",
-        "log",
-        "sqrt",
-    )
+    named = coded(*TRIGONOMETRIC, *HYPERBOLIC, *AREA, *POWERS)
     return {
-        **{getattr(casadi, f"OP_{name.upper()}"): getattr(pyo, name) for name in named},
+        **{code: getattr(pyo, name) for code, name in named.items()},
         **ARITHMETIC,
         casadi.OP_FABS: abs,
         casadi.OP_LT: lambda a, b: Expr_if(a < b, 1.0, 0.0),
@@ -113,21 +97,6 @@ def _operations() -> Mapping[int, Callable[..., Any]]:
         casadi.OP_FMAX: lambda a, b: (a + b + abs(a - b)) / 2,
         casadi.OP_FMIN: lambda a, b: (a + b - abs(a - b)) / 2,
     }
-
-
-ARITHMETIC: Mapping[int, Callable[..., Any]] = {
-    casadi.OP_ASSIGN: lambda a: a,
-    casadi.OP_ADD: lambda a, b: a + b,
-    casadi.OP_SUB: lambda a, b: a - b,
-    casadi.OP_MUL: lambda a, b: a * b,
-    casadi.OP_DIV: lambda a, b: a / b,
-    casadi.OP_NEG: lambda a: -a,
-    casadi.OP_POW: lambda a, b: a**b,
-    casadi.OP_CONSTPOW: lambda a, b: a**b,
-    casadi.OP_SQ: lambda a: a**2,
-    casadi.OP_TWICE: lambda a: 2 * a,
-    casadi.OP_INV: lambda a: 1 / a,
-}
 
 
 def _by_exp(exp: Callable[[Any], Any]) -> Mapping[int, Callable[..., Any]]:

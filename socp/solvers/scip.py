@@ -5,7 +5,6 @@ SCIP runs in a process of its own, which tells of every better point and of the 
 """
 
 import math
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -44,17 +43,16 @@ class Scip:
         self, nlp: NLP, starts: Sequence[NLPPoint], seconds: float, watch: Watch = silent
     ) -> Outcome:
         """Solve for so many seconds at most; the first start is offered to SCIP as a solution."""
-        until = time.time() + seconds
-        with tempfile.TemporaryDirectory(prefix="socp-") as place:
-            folder = Path(place)
+
+        def prepared(folder: Path) -> dict[str, Any]:
             model = pyomo_programme(nlp, starts[0].v, elementary=True)
-            columns = write_nl(model, folder / "programme.nl")
-            job = {
-                "columns": columns,
+            return {
+                "columns": write_nl(model, folder / "programme.nl"),
                 "starts": [start.v.tolist() for start in starts],
                 "options": {**_DEFAULTS, **self.options},
             }
-            return solved_apart(nlp, starts[0], Job(__name__, folder, job, until, "scip"), watch)
+
+        return solved_apart(nlp, starts[0], Job(__name__, "scip", seconds, prepared), watch)
 
 
 def work(job: Mapping[str, Any], tell: Tell) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from socp.errors import MethodError, SolveError
 from socp.methods import solve_collocated, versions
-from socp.model import Problem, Progress, Solution, Stop, Watch, silent
+from socp.model import COMPARED, Problem, Progress, Solution, Stop, Watch, silent
 from socp.process import breakable, give_way, held
 from socp.search import Ration, Search, refine
 from socp.solvers import default_backend
@@ -27,7 +27,6 @@ _TOLERANCE, _ITERATIONS = 1e-7, 500  # words are read off direct solutions, not 
 # steps of implicit Euler, from which a word is read; words tried then; the work on them, iterations
 # times variables
 _FINER = ((200, 4, 1.5e5), (800, 6, 5e5), (2500, 3, 1e6))
-_FEASIBLE = 1e-6  # violation up to which the solution of a word stands for its start
 
 
 def recipe() -> str:
@@ -73,7 +72,7 @@ def _explored(
             return found, ""
         if (
             found.verdict
-            and found.verdict.miss <= _FEASIBLE
+            and found.verdict.miss <= COMPARED
             and (best is None or residual(found) < residual(best))
         ):
             best = found

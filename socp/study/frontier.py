@@ -1,6 +1,6 @@
 """Where the objectives of a sequence of words tend to."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import final
 
@@ -9,10 +9,22 @@ import numpy as np
 from socp.errors import MethodError, SolveError
 from socp.laws import arc_modes
 from socp.methods import Follower, arranged, sound
-from socp.model import SHORTEST, Modes, Problem, Solution, Stop, Watch, Word, silent
+from socp.model import (
+    COMPARED,
+    SHORTEST,
+    Modes,
+    Problem,
+    Solution,
+    Stop,
+    Watch,
+    Word,
+    silent,
+    telling,
+)
 from socp.process import breakable
 from socp.search import (
     Candidate,
+    all_words,
     along_words,
     changed,
     dropped,
@@ -84,7 +96,6 @@ _ALL = 200  # words up to which every one of them is solved
 _MOST = 240  # words solved at most where they are too many for that
 _WIDTH = 2  # words of every number of switches from which others are made
 _PASSES = 3  # down and up through the numbers of switches
-_FEASIBLE = 1e-6  # violation found by re-integration up to which a word counts
 _BETTER = 1e-9  # relative: a smaller gain is rounding, and a word with fewer switches does as well
 
 
@@ -164,19 +175,14 @@ class _Trials:
         return solution
 
     def _told(self, word: str) -> Watch:
-        if self.watch is silent:
-            return silent
-        best = self.best(self.most)
-        value = float("nan") if best is None else best.objective
-        stage = f"word {self.words}"
-        return lambda now: self.watch(replace(now, stage=stage, word=word, best=value))
+        return telling(self.watch, f"word {self.words}", word, self.best(self.most))
 
     def _kept(self, solution: Solution) -> bool:
         """Keep a solution among the best of its number of switches, without arcs that have
         vanished.
         """
         solution = judge(self.problem, solution)
-        if solution.verdict is None or not solution.verdict.miss <= _FEASIBLE:
+        if solution.verdict is None or not solution.verdict.miss <= COMPARED:
             return False
         lean = shortened(spelled(solution), SHORTEST)
         if self.dwell == 0.0 and len(lean.arcs) < len(solution.arcs):
@@ -291,20 +297,11 @@ def limited(
 
 def _everything(trials: _Trials, modes: Sequence[Modes], start: Solution) -> None:
     """Solve every word, shorter ones first."""
-    for count in range(trials.most + 1):
-        for arcs in _words(modes, count + 1):
-            word = Word(trials.problem.control_names, arcs)
-            source = trials.best(count) or start
-            cut = Candidate.of(arranged(trials.problem, source, word), arcs)
-            trials.solve(replace(cut, source=source))
-
-
-def _words(modes: Sequence[Modes], count: int) -> Iterator[tuple[Modes, ...]]:
-    if count == 0:
-        yield ()
-        return
-    for before in _words(modes, count - 1):
-        yield from ((*before, mode) for mode in modes if not before or mode != before[-1])
+    for arcs in all_words(modes, trials.most):
+        word = Word(trials.problem.control_names, arcs)
+        source = trials.best(len(arcs) - 1) or start
+        cut = Candidate.of(arranged(trials.problem, source, word), arcs)
+        trials.solve(replace(cut, source=source))
 
 
 def _beam(trials: _Trials, modes: Sequence[Modes], start: Solution) -> None:

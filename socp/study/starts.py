@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import final
 
-import casadi
 import numpy as np
 
 from socp.methods import default_guess, guess_of, scattered
-from socp.model import Problem, Solution, scales, time
+from socp.model import Problem, Solution, rate_function, scales
 from socp.transcription import Mesh, euler, radau_iia, uniform
 
 RECIPE = 1  # of the starts below: kept starts of another recipe are worth nothing
@@ -91,7 +90,7 @@ def _integrated(problem: Problem, guess: Solution, t: np.ndarray, u: np.ndarray)
     kept within bounds.
     """
     p = [guess.parameters.get(name, 0.0) for name in problem.parameter_names]
-    rate = casadi.Function("rate", [problem.x, problem.u, time, problem.p], [problem.rate])
+    rate = rate_function(problem)
     far = _FAR * scales(problem, guess)
     low, high = np.maximum(problem.state_box[0], -far), np.minimum(problem.state_box[1], far)
     x = np.empty((problem.x.numel(), t.size))

@@ -12,7 +12,7 @@ import casadi
 import numpy as np
 
 from socp.errors import MethodError
-from socp.model import Expr, Solution, column, final_time, initial_time, time
+from socp.model import Expr, Solution, column, constraint_function, end_symbols, time
 from socp.solvers import NLP, NLPPoint, Reduced
 from socp.transcription.lifting import Layout, lift, mapped, push
 from socp.transcription.mesh import Mesh, Table, table, uniform
@@ -41,7 +41,9 @@ def collocate(phased: PhasedProblem, meshes: Sequence[Mesh]) -> Reduced[NLP, Sol
     path = _path(grid, rows)
     _conditions(grid, rows)
     layout = _layout(grid, defects, path)
-    mayer = casadi.substitute(phased.of.mayer, _end_symbols(phased), _end_values(grid))
+    mayer = casadi.substitute(
+        phased.of.mayer, casadi.vertcat(*end_symbols(phased.of)), _end_values(grid)
+    )
     z = casadi.vertcat(casadi.SX(0, 1), *(phase.z for phase in phased.phases))
     parts = [casadi.vec(each) for each in (grid.X, *grid.V, *grid.Y)]
     v = casadi.vertcat(grid.starts[0], grid.lengths, grid.p, *parts, z)
@@ -133,10 +135,7 @@ def _dynamics(grid: _Grid, rows: _Rows) -> tuple[Expr, list[slice]]:
     problem, cost, defects, laws = grid.phased.of, casadi.SX(0), [], []
     for k, (t, phase) in enumerate(zip(grid.tables, grid.phased.phases, strict=True)):
         given = [problem.x, phase.free, phase.carried, time, problem.p, phase.z]
-        rate, running = (
-            casadi.substitute(e, problem.u, phase.control)
-            for e in (problem.rate, problem.lagrangian)
-        )
+        rate, running = phase.flow(problem)
         at, length = t.collocated.tolist(), grid.lengths[k]
         X = grid.X[:, grid.first[k] : grid.first[k + 1] + 1]
         along = [X[:, at], grid.V[k], grid.Y[k][:, at], grid.times(k)[:, at], grid.p, phase.z]
@@ -182,7 +181,7 @@ def _path(grid: _Grid, rows: _Rows) -> dict[str, tuple[np.ndarray, slice]]:
     for constraint in problem.constraints:
         if constraint.name in problem.path:
             nodes = np.flatnonzero(~_closed(grid.phased, grid.first, constraint.name))
-            function = casadi.Function("c", [problem.x, time, problem.p], [constraint.expression])
+            function = constraint_function(problem, constraint)
             (values,) = mapped(function, [grid.X[:, nodes.tolist()], T[nodes.tolist()], grid.p])
             found[constraint.name] = (nodes, rows.add(values, -np.inf, 0.0))
     return found
@@ -211,14 +210,11 @@ def _conditions(grid: _Grid, rows: _Rows) -> None:
     for row, low, high in phased.rules:
         rows.add(row, low, high)
     for condition in problem.conditions:
-        value = casadi.substitute(condition.expression, _end_symbols(phased), _end_values(grid))
+        symbols = casadi.vertcat(*end_symbols(problem))
+        value = casadi.substitute(condition.expression, symbols, _end_values(grid))
         rows.add(value, 0.0 if condition.equation else -np.inf, 0.0)
     if np.isfinite(problem.final_time_box).any():
         rows.add(grid.starts[-1], *problem.final_time_box)
-
-
-def _end_symbols(phased: PhasedProblem) -> Expr:
-    return casadi.vertcat(phased.of.x, phased.of.x0, phased.of.p, initial_time, final_time)
 
 
 def _end_values(grid: _Grid) -> Expr:

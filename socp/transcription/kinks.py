@@ -9,7 +9,7 @@ import casadi
 import numpy as np
 from scipy.optimize import brentq
 
-from socp.model import Arc, Expr, Solution, column, joined, time
+from socp.model import SAME_TIME, Arc, Expr, Solution, column, joined, parameters_of, time, traced
 from socp.transcription.mesh import Mesh, table, uniform
 from socp.transcription.phases import Phase, PhasedProblem
 from socp.transcription.schemes import lgr
@@ -20,7 +20,6 @@ _UNARY = {casadi.OP_FABS, casadi.OP_SIGN}
 # count
 _LOOKS = 8
 _SLIVER = 1e-3  # of a piece: a shorter interval beside a joint is not worth its nodes
-_POINT = 1e-9  # of the horizon: a shorter arc is a point
 # Random points at which expressions are compared: in more dimensions chance makes none parallel
 _DRAWS = 6
 _ALIKE = (
@@ -37,27 +36,15 @@ def kinks(expression: Expr, given: Expr) -> Expr:
     left out, and so is what is a multiple of another, such as -a beside a: it vanishes where that
     does.
     """
-    function = casadi.Function("kinks", [given], [casadi.densify(expression)])
-    work: dict[int, Expr] = {}
     found: list[Expr] = []
-    for k in range(function.n_instructions()):
-        operation, into, out = (
-            function.instruction_id(k),
-            function.instruction_input(k),
-            function.instruction_output(k),
-        )
-        if operation == casadi.OP_OUTPUT:
-            continue
-        if operation == casadi.OP_CONST:
-            work[out[0]] = casadi.SX(function.instruction_constant(k))
-        elif operation == casadi.OP_INPUT:
-            work[out[0]] = given[into[1]]
-        else:
-            arguments = [work[register] for register in into]
-            if operation in _BINARY | _UNARY:
-                found.append(arguments[0] - arguments[1] if operation in _BINARY else arguments[0])
-            build = casadi.SX.binary if len(arguments) == 2 else casadi.SX.unary
-            work[out[0]] = build(operation, *arguments)
+
+    def built(operation: int, *arguments: Expr) -> Expr:
+        if operation in _BINARY | _UNARY:
+            found.append(arguments[0] - arguments[1] if operation in _BINARY else arguments[0])
+        build = casadi.SX.binary if len(arguments) == 2 else casadi.SX.unary
+        return build(operation, *arguments)
+
+    traced(casadi.vec(expression), given, given.__getitem__, casadi.SX, built)
     distinct: list[Expr] = []
     for each in found:
         if not each.is_constant() and not any(
@@ -161,15 +148,14 @@ def _crossings(
     if (
         phase.free.numel()
         or phase.carried.numel()
-        or length <= _POINT * (solution.final_time - solution.initial_time)
+        or length <= SAME_TIME * (solution.final_time - solution.initial_time)
     ):
         return []
     given = casadi.vertcat(problem.x, time, problem.p)
-    law = casadi.vertcat(problem.rate, problem.lagrangian)
-    found = kinks(casadi.substitute(law, problem.u, phase.control), given)
+    found = kinks(casadi.vertcat(*phase.flow(problem)), given)
     if not found.numel():
         return []
-    p = np.array([solution.parameters[name] for name in problem.parameter_names], dtype=float)
+    p = parameters_of(problem, solution)
     values = casadi.Function("kinks", [given], [found])
 
     def at(t: np.ndarray) -> np.ndarray:
@@ -188,7 +174,7 @@ def _crossings(
         for k in np.flatnonzero(row[:-1] * row[1:] < 0.0):
             t = brentq(lambda t, i=i: at(np.array([t]))[i, 0], times[k], times[k + 1])
             crossings.append((float(t), found[i]))
-    apart = 1e-9 * length  # a crossing at an end of the arc is the end
+    apart = SAME_TIME * length  # a crossing at an end of the arc is the end
     inside = [each for each in crossings if arc.t[0] + apart < each[0] < arc.t[-1] - apart]
     inside.sort(key=lambda each: each[0])
     # two kinks at one time, such as those of p and p v, need one joint

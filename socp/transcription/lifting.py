@@ -210,9 +210,7 @@ def _slope(problem: Problem, phase: Phase) -> casadi.Function:
     """Return the gradient of the Hamiltonian along the phase's law, a function of x, v, y, t, p, z
     and the costate.
     """
-    rate, running = (
-        casadi.substitute(e, problem.u, phase.control) for e in (problem.rate, problem.lagrangian)
-    )
+    rate, running = phase.flow(problem)
     gradient = casadi.gradient(running + casadi.dot(problem.costate, rate), problem.x)
     symbols = [problem.x, phase.free, phase.carried, time, problem.p, phase.z, problem.costate]
     return casadi.Function("slope", symbols, [gradient])

@@ -85,6 +85,12 @@ class Phase:
         """Binaries of the arc (nz, 1), none where its modes are given."""
         return column(()) if self.choice is None else self.choice.z
 
+    def flow(self, problem: Problem) -> tuple[Expr, Expr]:
+        """Return the rate of the states (nx, 1) and the running cost under the arc's control."""
+        of = problem.rate, problem.lagrangian
+        rate, running = (casadi.substitute(each, problem.u, self.control) for each in of)
+        return rate, running
+
 
 @final
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import roots_jacobi
 
 from socp.errors import MethodError
+from socp.model import TINY
 
 Side = Literal["left", "right", "both"]
 
@@ -134,7 +135,7 @@ def barycentric(nodes: np.ndarray) -> np.ndarray:
     """Return the barycentric weights (p,) of nodes (p,), scaled so that 60 nodes neither over- nor
     underflow.
     """
-    gaps = 2.0 * (nodes[:, None] - nodes[None, :]) / max(float(np.ptp(nodes)), 1e-300)
+    gaps = 2.0 * (nodes[:, None] - nodes[None, :]) / max(float(np.ptp(nodes)), TINY)
     np.fill_diagonal(gaps, 1.0)
     raw = 1.0 / gaps.prod(axis=1)
     weights: np.ndarray = raw / np.abs(raw).max()

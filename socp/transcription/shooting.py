@@ -13,13 +13,17 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from socp.model import (
+    TINY,
     Arc,
     Expr,
     Problem,
     Solution,
     column,
-    final_time,
-    initial_time,
+    condition_function,
+    condition_slopes,
+    end_values,
+    mayer_function,
+    once,
     parameters_of,
     scales,
     time,
@@ -119,9 +123,7 @@ class Shooting:
                 blocks.append(entry(z[k][:nx, 0], z[k][nx:, 0], begin, p))
             begin = begin + lengths[k]
         ends, at_ends = self._ends(begin)
-        mayer = casadi.Function(
-            "m", [problem.x, problem.x0, problem.p, initial_time, final_time], [problem.mayer]
-        )
+        mayer = mayer_function(problem)
         equations = casadi.vertcat(*blocks, *ends)
         signs = np.concatenate([np.zeros(equations.numel() - len(at_ends)), at_ends])
         return cost + mayer(z[-1][:nx, -1], z[0][:nx, 0], p, t0, begin), equations, signs
@@ -132,38 +134,23 @@ class Shooting:
         """
         problem, solution, (t0, _, p, z) = self.phased.of, self.solution, self.parts
         x0, xf = z[0][: problem.x.numel(), 0], z[-1][: problem.x.numel(), -1]
-        values = (
-            solution.arcs[0].x[:, 0],
-            solution.arcs[-1].x[:, -1],
-            parameters_of(problem, solution),
-        )
-        times = solution.initial_time, solution.final_time
+        values = end_values(problem, solution)
+        last, first, parameters, *times = values
         scale, horizon = scales(problem, solution), np.array([times[1] - times[0]])
+        boxes = [np.array([box]).T for box in (problem.initial_time_box, problem.final_time_box)]
+        near = self.near * np.maximum(np.abs(parameters), TINY)
         rows = [
-            *_rows(x0, values[0], problem.start_box, self.near * scale),
-            *_rows(xf, values[1], problem.end_box, self.near * scale),
-            *_rows(
-                p,
-                values[2],
-                problem.parameter_box,
-                self.near * np.maximum(np.abs(values[2]), 1e-300),
-            ),
-            *_rows(
-                t0, np.array(times[:1]), np.array([problem.initial_time_box]).T, self.near * horizon
-            ),
-            *_rows(
-                tf, np.array(times[1:]), np.array([problem.final_time_box]).T, self.near * horizon
-            ),
+            *_rows(x0, first, problem.start_box, self.near * scale),
+            *_rows(xf, last, problem.end_box, self.near * scale),
+            *_rows(p, parameters, problem.parameter_box, near),
+            *_rows(t0, np.array(times[:1]), boxes[0], self.near * horizon),
+            *_rows(tf, np.array(times[1:]), boxes[1], self.near * horizon),
         ]
-        symbols = [problem.x, problem.x0, problem.p, initial_time, final_time]
         for condition in problem.conditions:
-            psi = casadi.Function("psi", symbols, [condition.expression])
-            slopes = casadi.jacobian(condition.expression, casadi.vertcat(problem.x, problem.x0))
-            slope = casadi.Function("slope", symbols, [slopes])(
-                values[1], values[0], values[2], *times
-            ).full()[0]
-            near = self.near * (float(np.abs(slope) @ np.tile(scale, 2)) or 1.0)
-            if condition.equation or float(psi(values[1], values[0], values[2], *times)) >= -near:
+            psi = condition_function(problem, condition)
+            slopes = condition_slopes(problem, condition)(*values)
+            size = sum(float(np.abs(each.full()[0]) @ scale) for each in slopes[:2])
+            if condition.equation or float(psi(*values)) >= -self.near * (size or 1.0):
                 rows.append((psi(xf, x0, p, t0, tf), 0.0 if condition.equation else 1.0))
         return [row for row, _ in rows], [sign for _, sign in rows]
 
@@ -211,7 +198,7 @@ def flow(problem: Problem, phase: Phase, steps: int) -> casadi.Function:
     """Return the motion along a phase's law as a function (z, t, h, p) -> (z, running cost) after a
     time h.
     """
-    step = _step(problem, phase)
+    step = _step(phase, problem)
     sizes = step.size1_in(0) - 2, 1, 1, step.size1_in(2)
     Z, T, H, P = (casadi.MX.sym(name, size) for name, size in zip("zthp", sizes, strict=True))
     last = step.mapaccum(steps)(
@@ -229,7 +216,7 @@ def ends(phased: PhasedProblem, start: Solution, steps: int) -> list[np.ndarray]
         t, count = arc.t[arc.mesh], arc.mesh.size - 1
         y = np.vstack([arc.x, arc.costate[: phase.carried.numel()]])[:, arc.mesh[:-1]]
         y = casadi.DM(np.vstack([y, np.zeros(count), t[:-1]]))
-        step = _step(phased.of, phase).map(count)
+        step = _step(phase, phased.of).map(count)
         given = (
             casadi.DM(np.diff(t)[None, :] / steps),
             casadi.DM(np.repeat(p[:, None], count, axis=1)),
@@ -240,15 +227,12 @@ def ends(phased: PhasedProblem, start: Solution, steps: int) -> list[np.ndarray]
     return found
 
 
-def _step(problem: Problem, phase: Phase) -> casadi.Function:
+@once
+def _step(phase: Phase, problem: Problem) -> casadi.Function:
     """Return one step (y, h, p) -> y of the states, what is carried, the running cost and the time;
     built once.
     """
-    if "_step" in vars(phase):
-        return vars(phase)["_step"]
-    rate, running = (
-        casadi.substitute(e, problem.u, phase.control) for e in (problem.rate, problem.lagrangian)
-    )
+    rate, running = phase.flow(problem)
     given = [casadi.vertcat(problem.x, phase.carried), time, problem.p]
     motion = casadi.Function("f", given, [casadi.vertcat(rate, phase.carried_rate, running, 1.0)])
     y, h = casadi.SX.sym("y", motion.size1_out(0)), casadi.SX.sym("h")
@@ -257,8 +241,7 @@ def _step(problem: Problem, phase: Phase) -> casadi.Function:
         at = y + h * sum((a * k for a, k in zip(row, slopes, strict=False) if a), casadi.SX(0))
         slopes.append(motion(at[:-2], at[-1], problem.p))
     end = y + h * sum((b * k for b, k in zip(DOP853.B, slopes, strict=True) if b), casadi.SX(0))
-    vars(phase)["_step"] = casadi.Function("step", [y, h, problem.p], [end])
-    return vars(phase)["_step"]
+    return casadi.Function("step", [y, h, problem.p], [end])
 
 
 def _rows(

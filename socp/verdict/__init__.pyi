@@ -1,6 +1,5 @@
 from .accuracy import AWAY as AWAY
 from .accuracy import posed as posed
-from .accuracy import sharpened as sharpened
 from .accuracy import steps_of as steps_of
 from .certify import carrying as carrying
 from .certify import judge as judge

@@ -9,10 +9,9 @@ from typing import final
 import numpy as np
 
 from socp.errors import MethodError
-from socp.model import Problem, Solution, Verdict, Word, digits_of
+from socp.model import ACTIVE, Problem, Solution, Verdict, Word, digits_of
 from socp.transcription import PhasedProblem, Shooting, ends, follow, jointed
 from socp.verdict.newton import Conditions
-from socp.verdict.structure import ACTIVE
 
 # Of the states: steps are doubled until the motion changes by no more; rounding leaves some hundred
 # ulps

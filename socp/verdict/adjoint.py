@@ -7,13 +7,21 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import final
 
-import casadi
 import numpy as np
 
-from socp.model import Expr, Problem, Solution, final_time, initial_time, scales
+from socp.model import (
+    ACTIVE,
+    TINY,
+    Problem,
+    Solution,
+    condition_function,
+    condition_slopes,
+    end_values,
+    mayer_slopes,
+    scales,
+)
 from socp.transcription import lgr
 from socp.verdict.nodes import POINTS, Samples, sample
-from socp.verdict.structure import ACTIVE
 
 __all__ = ["POINTS", "Costates", "Samples", "Unknowns", "condense", "sample"]
 
@@ -141,30 +149,20 @@ class Ends:
     values: np.ndarray
 
     @staticmethod
-    def of(problem: Problem, solution: Solution, samples: Samples) -> "Ends":
+    def of(problem: Problem, solution: Solution) -> "Ends":
         """Work out the slopes at the ends of a solution."""
-        x0, xf, p = solution.arcs[0].x[:, 0], solution.arcs[-1].x[:, -1], samples.p
-        values = [xf, x0, p, solution.initial_time, solution.final_time]
-        symbols = [problem.x, problem.x0, problem.p, initial_time, final_time]
-        scale = scales(problem, solution)
-
-        def slopes(expression: Expr) -> list[np.ndarray]:
-            function = casadi.Function(
-                "slopes", symbols, [casadi.densify(casadi.jacobian(expression, s)) for s in symbols]
-            )
-            return [each.full().ravel() for each in function(*values)]
-
-        cost = slopes(problem.mayer)
+        values, scale = end_values(problem, solution), scales(problem, solution)
+        cost = [each.full().ravel() for each in mayer_slopes(problem)(*values)]
         found: list[tuple[list[np.ndarray], int, str, float]] = []
         for condition in problem.conditions:
-            value = float(casadi.Function("psi", symbols, [condition.expression])(*values))
-            slope = slopes(condition.expression)
+            value = float(condition_function(problem, condition)(*values))
+            slope = [each.full().ravel() for each in condition_slopes(problem, condition)(*values)]
             size = float(np.abs(slope[0]) @ scale + np.abs(slope[1]) @ scale) or 1.0
             if condition.equation or value > -ACTIVE * size:
                 found.append(
                     (slope, 0 if condition.equation else 1, f"target '{condition.name}'", value)
                 )
-        found += list(_end_values(problem, xf, scale, [each.size for each in cost]))
+        found += list(_end_values(problem, values[0], scale, [each.size for each in cost]))
         stacked = [
             np.array([row[0][i] for row in found]).reshape(len(found), cost[i].size)
             for i in range(5)
@@ -218,7 +216,7 @@ def unknowns_of(problem: Problem, samples: Samples, ends: Ends) -> Unknowns:
     blocks: list[tuple[int, int]] = []
     jumps: list[tuple[int, int]] = []
     for j in range(len(problem.constraints)):
-        near = ACTIVE * max(float(np.ptp(c[j])), 1e-300)
+        near = ACTIVE * max(float(np.ptp(c[j])), TINY)
         at = c[j].reshape(-1, width) > -near
         active = at.all(axis=1)
         blocks += [(j, int(k)) for k in np.flatnonzero(active)]

@@ -45,7 +45,7 @@ def case(problem: Problem, solution: Solution) -> Case:
     condition.
     """
     samples = sample(problem, solution)
-    ends = Ends.of(problem, solution, samples)
+    ends = Ends.of(problem, solution)
     unknowns = unknowns_of(problem, samples, ends)
     along = Along(
         problem, solution, samples, unknowns, condense(samples, unknowns, ends.slope_final), ends

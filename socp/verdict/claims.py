@@ -8,11 +8,12 @@ first.
 
 from collections.abc import Iterator
 
-import casadi
 import numpy as np
 
 from socp import laws
 from socp.model import (
+    ACTIVE,
+    TINY,
     Condition,
     Finding,
     Mode,
@@ -20,13 +21,12 @@ from socp.model import (
     Place,
     Problem,
     Solution,
-    final_time,
-    initial_time,
+    end_values,
+    mayer_function,
 )
 from socp.transcription import lgr
 from socp.verdict.adjoint import Along
 from socp.verdict.nodes import POINTS, Samples
-from socp.verdict.structure import ACTIVE
 
 _SCHEME = lgr(POINTS)
 # between the ends of its intervals collocation is of lower order than at them: a digit is granted
@@ -49,12 +49,7 @@ def cost(problem: Problem, solution: Solution, samples: Samples) -> tuple[float,
     half = 0.5 * np.diff(samples.edges)
     weights = half[:, None] * _SCHEME.weights[:-1]
     L = samples.values["L"].reshape(samples.intervals, samples.width)[:, :-1]
-    p = [solution.parameters[name] for name in problem.parameter_names]
-    function = casadi.Function(
-        "mayer", [problem.x, problem.x0, problem.p, initial_time, final_time], [problem.mayer]
-    )
-    ends = solution.arcs[-1].x[:, -1], solution.arcs[0].x[:, 0]
-    mayer = float(function(*ends, p, solution.initial_time, solution.final_time))
+    mayer = float(mayer_function(problem)(*end_values(problem, solution)))
     return float((weights * L).sum()) + mayer, float((weights * np.abs(L)).sum()) + abs(mayer)
 
 
@@ -96,7 +91,7 @@ def _motion(along: Along) -> Finding:
 
 def _objective(along: Along) -> Finding:
     value, size = cost(along.problem, along.solution, along.samples)
-    off = abs(along.solution.objective - value) / max(size, 1e-300)
+    off = abs(along.solution.objective - value) / max(size, TINY)
     return Finding(
         kind=Condition.OBJECTIVE,
         residual=np.inf if np.isnan(off) else off,
@@ -135,7 +130,7 @@ def _modes(along: Along, density: np.ndarray, size: float) -> Iterator[Finding]:
 def _active(samples: Samples, inside: np.ndarray) -> np.ndarray:
     """Return a mask (nc,) of the constraints that are active at all of the chosen nodes."""
     c = samples.values["c"]
-    near = ACTIVE * np.maximum(np.ptp(c, axis=1), 1e-300)
+    near = ACTIVE * np.maximum(np.ptp(c, axis=1), TINY)
     return np.array((c[:, inside] > -near[:, None]).all(axis=1))
 
 
@@ -179,5 +174,5 @@ def _parameters(along: Along) -> Iterator[Finding]:
     low, high = along.problem.parameter_box
     for i, name in enumerate(along.problem.parameter_names):
         value = float(along.samples.p[i])
-        off = max(low[i] - value, value - high[i], 0.0) / max(abs(value), 1e-300)
+        off = max(low[i] - value, value - high[i], 0.0) / max(abs(value), TINY)
         yield Finding(kind=Condition.PARAMETER_RANGE, residual=off, place=Place(of=name))

@@ -11,11 +11,10 @@ from typing import final
 
 import numpy as np
 
-from socp.model import NOWHERE, Condition, Mode, Place, Solution
+from socp.model import ACTIVE, AT_BOUND, NOWHERE, TINY, Condition, Mode, Place, Solution
 from socp.transcription import lgr
 from socp.verdict.adjoint import Along
 from socp.verdict.nodes import POINTS, Samples
-from socp.verdict.structure import ACTIVE, AT_BOUND
 
 _WEIGHTS = lgr(POINTS).weights
 _LOWER, _UPPER = Mode("lower"), Mode("upper")
@@ -233,7 +232,7 @@ def _parameters(along: Along) -> Iterator[Rows]:
     )
     for i, name in enumerate(along.problem.parameter_names):
         low, high = along.problem.parameter_box[:, i]
-        size = max(abs(samples.p[i]), *(abs(b) for b in (low, high) if np.isfinite(b)), 1e-300)
+        size = max(abs(samples.p[i]), *(abs(b) for b in (low, high) if np.isfinite(b)), TINY)
         side = _side(samples.p[i], low, high, size)
         line = np.einsum("n,nj,njz->z", mass, v["fp"][:, :, i], along.costates.maps)
         line[:count] += ends.psi_p[:, i]

@@ -6,7 +6,7 @@ import numpy as np
 
 from socp.errors import MethodError
 from socp.laws import derive, forget, note, noted
-from socp.model import Problem, Solution
+from socp.model import Problem, Solution, parameters_of
 from socp.verdict.structure import structure_of
 
 _POINTS = 12  # taken along one stretch
@@ -56,7 +56,5 @@ def _along(problem: Problem, solution: Solution, first: float, last: float) -> n
     """
     t = np.linspace(first, last, _POINTS)
     x, u, costate = (solution.at(t, which) for which in ("x", "u", "costate"))
-    p = np.array(
-        [[solution.parameters[name]] * t.size for name in problem.parameter_names]
-    ).reshape(-1, t.size)
+    p = np.repeat(parameters_of(problem, solution)[:, None], t.size, axis=1)
     return np.vstack([t[None, :], x, p, costate, u])

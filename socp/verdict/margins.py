@@ -7,7 +7,7 @@ import numpy as np
 
 from socp import laws
 from socp.errors import MethodError
-from socp.model import Arc, Mode, Place, Problem, Solution, lagrange, time
+from socp.model import TINY, Arc, Mode, Place, Problem, Solution, along, lagrange, time
 from socp.verdict.conditions import stretch_at
 from socp.verdict.nodes import Samples
 
@@ -92,16 +92,10 @@ def legendre_clebsch(
             continue
         symbols = [problem.x, problem.u, problem.costate, time, problem.p]
         function = casadi.Function("clebsch", symbols, [casadi.densify(law.legendre_clebsch)])
-        p = np.repeat(samples.p[:, None], int(inside.sum()), axis=1)
-        values = function.map(p.shape[1])(
-            samples.x[:, inside],
-            samples.u[:, inside],
-            costate[:, inside],
-            samples.t[None, inside],
-            p,
-        ).full()
-        matrices = values.reshape(len(singular), p.shape[1], len(singular)).transpose(1, 0, 2)
-        size = max(float(np.abs(matrices).max()), 1e-300)
+        here = (each[..., inside] for each in (samples.x, samples.u, costate, samples.t))
+        (values,) = along(function, *here, samples.p)
+        matrices = values.reshape(len(singular), -1, len(singular)).transpose(1, 0, 2)
+        size = max(float(np.abs(matrices).max()), TINY)
         least = (
             float(np.linalg.eigvalsh((matrices + matrices.transpose(0, 2, 1)) / 2.0).min()) / size
         )

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import lstsq
 from scipy.optimize import linprog
 
-from socp.model import EXTREMAL, Condition, Finding
+from socp.model import EXTREMAL, TINY, Condition, Finding
 from socp.process import aside
 from socp.verdict import margins
 from socp.verdict.adjoint import Along
@@ -38,7 +38,7 @@ class Case:
         """
         v = self.along.samples.values
         terms = np.abs(v["L"]) + np.abs(self.along.costates.at(z) * v["f"]).sum(axis=0)
-        return max(float(terms.max()), self.cost, 1e-300)
+        return max(float(terms.max()), self.cost, TINY)
 
     @property
     def cost(self) -> float:
@@ -115,7 +115,7 @@ def _programme(
     Not all signs enter at once: those that the multipliers found break more than what they leave at
     worst are added, and the programme is solved again, until they break none.
     """
-    scale = np.maximum(np.abs(start), 1e-3 * max(float(np.abs(start).max()), 1e-300))
+    scale = np.maximum(np.abs(start), 1e-3 * max(float(np.abs(start).max()), TINY))
     kept = [_thinned(rows) for rows in case.rows]
     while True:
         found = _solved(case, (size, scale), kept, worst=worst)

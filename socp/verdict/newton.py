@@ -9,7 +9,7 @@ from typing import Self, final
 import casadi
 import numpy as np
 
-from socp.model import scales
+from socp.model import TINY, scales
 from socp.transcription import Shooting
 
 _RUIZ = 5  # rounds of scaling: each halves the decades between rows
@@ -110,7 +110,7 @@ class System:
         """Bring rows and columns of a symmetric matrix to one magnitude (Ruiz, RAL-TR-2001-034)."""
         d = np.ones(len(matrix))
         for _ in range(_RUIZ):
-            d /= np.sqrt(np.maximum(np.abs(d[:, None] * matrix * d).max(axis=1), 1e-300))
+            d /= np.sqrt(np.maximum(np.abs(d[:, None] * matrix * d).max(axis=1), TINY))
         return cls(d[:, None] * matrix * d, size, d)
 
     def step(self, gradient: np.ndarray, equations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -133,7 +133,7 @@ class System:
         # what rounding leaves of equations that say the same twice is no contradiction
         n, ulps = self.size.size, _CONTRADICTS * np.finfo(float).eps if self._deficient else 0.0
         rounding = ulps * np.abs(self.matrix[:, :n] / self.d[:n]).sum(axis=1)
-        allowed = np.maximum(_SOLVED * max(np.abs(given).max(), 1e-300), rounding)
+        allowed = np.maximum(_SOLVED * max(np.abs(given).max(), TINY), rounding)
         return (
             found
             if (np.abs(self.matrix @ found - given) <= allowed).all()
@@ -161,7 +161,7 @@ class System:
         """
         n = self.size.size
         directions = (self.d[:, None] * self._spectrum[1])[:, self._inverted == 0.0]
-        directions = directions / np.maximum(np.abs(directions).max(axis=0, initial=0.0), 1e-300)
+        directions = directions / np.maximum(np.abs(directions).max(axis=0, initial=0.0), TINY)
         moved = np.abs(rows * self.size @ directions[:n])
         return np.array(
             (moved > _MOVES * np.abs(rows * self.size).max(axis=1)[:, None]).any(axis=1)

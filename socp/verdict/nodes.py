@@ -9,9 +9,22 @@ from typing import final
 import casadi
 import numpy as np
 
-from socp.model import Arc, Problem, Solution, column, time
+from socp.model import (
+    ACTIVE,
+    SAME_TIME,
+    TINY,
+    Arc,
+    Expr,
+    Problem,
+    Solution,
+    along,
+    column,
+    once,
+    parameters_of,
+    time,
+)
 from socp.transcription import lgr
-from socp.verdict.structure import ACTIVE, constraint_values
+from socp.verdict.structure import constraint_values
 
 # collocation points an interval: order 19, so that the judge's own error stays below what it judges
 POINTS = 10
@@ -94,10 +107,36 @@ def _values(
     """Return the functions and slopes of a problem at points: states (nx, n), controls (nu, n),
     times (n,), p (np,).
     """
-    n, x, u, p = at[2].size, problem.x, problem.u, problem.p
+    n, found = at[2].size, {}
+    named = _named(problem)
+    results = along(_functions(problem), *at)
+    for (name, expression), result in zip(named.items(), results, strict=True):
+        rows, columns = expression.shape
+        block = result.reshape(rows, n, columns) if columns else np.empty((rows, n, 0))
+        found[name] = (
+            block.transpose(1, 0, 2)
+            if name in _BY_NODE
+            else block[:, :, 0]
+            if columns == 1
+            else block.reshape(rows, n)
+        )
+    found["L"], found["Lt"] = found["L"][0], found["Lt"][0]
+    return found
+
+
+@once
+def _functions(problem: Problem) -> casadi.Function:
+    symbols = [problem.x, problem.u, time, problem.p]
+    dense = [casadi.densify(expression) for expression in _named(problem).values()]
+    return casadi.Function("along", symbols, dense)
+
+
+@once
+def _named(problem: Problem) -> dict[str, Expr]:
+    x, u, p = problem.x, problem.u, problem.p
     c = column(constraint.expression for constraint in problem.constraints)
     f, L = problem.rate, problem.lagrangian
-    named = {
+    return {
         "f": f,
         "L": L,
         "fx": casadi.jacobian(f, x),
@@ -112,22 +151,6 @@ def _values(
         "fp": casadi.jacobian(f, p),
         "Lp": casadi.jacobian(L, p).T,
     }
-    dense = [casadi.densify(expression) for expression in named.values()]
-    function = casadi.Function("along", [x, u, time, p], dense)
-    results = function.map(n)(at[0], at[1], at[2][None, :], np.repeat(at[3][:, None], n, axis=1))
-    found = {}
-    for (name, expression), result in zip(named.items(), results, strict=True):
-        rows, columns = expression.shape
-        block = result.full().reshape(rows, n, columns) if columns else np.empty((rows, n, 0))
-        found[name] = (
-            block.transpose(1, 0, 2)
-            if name in _BY_NODE
-            else block[:, :, 0]
-            if columns == 1
-            else block.reshape(rows, n)
-        )
-    found["L"], found["Lt"] = found["L"][0], found["Lt"][0]
-    return found
 
 
 def sample(problem: Problem, solution: Solution) -> Samples:
@@ -163,7 +186,7 @@ def _rough(samples: Samples, solution: Solution) -> np.ndarray:
 
 
 def _laid(problem: Problem, solution: Solution, cuts: np.ndarray) -> Samples:
-    shortest = 1e-9 * (
+    shortest = SAME_TIME * (
         solution.final_time - solution.initial_time
     )  # shorter arcs are points: their nodes differ by rounding alone
     tau = (lgr(POINTS).nodes + 1.0) / 2.0
@@ -183,7 +206,7 @@ def _laid(problem: Problem, solution: Solution, cuts: np.ndarray) -> Samples:
             edges.append(b)
     if not ts:
         raise ValueError("the solution has no length in time")
-    p = np.array([solution.parameters[name] for name in problem.parameter_names], dtype=float)
+    p = parameters_of(problem, solution)
     return Samples(
         problem,
         np.array(edges),
@@ -202,7 +225,7 @@ def _intervals(arc: Arc, cuts: np.ndarray) -> list[tuple[float, float]]:
     ends = _halved(arc)
     step = -(-(len(ends) - 1) // _INTERVALS)
     kept = np.append(ends[:-1:step], ends[-1])
-    apart = 1e-9 * (
+    apart = SAME_TIME * (
         ends[-1] - ends[0]
     )  # cuts nearer to an end than this are that end, up to rounding
     inside = cuts[(cuts > ends[0] + apart) & (cuts < ends[-1] - apart)]
@@ -238,7 +261,7 @@ def _touches(problem: Problem, solution: Solution) -> list[float]:
             constraint_values(problem, solution, constraint, t, arc.at(t))
             for t, arc in zip(grids, solution.arcs, strict=True)
         ]
-        level = -ACTIVE * max(float(np.ptp(np.concatenate(values))), 1e-300)
+        level = -ACTIVE * max(float(np.ptp(np.concatenate(values))), TINY)
         for t, c in zip(grids, values, strict=True):
             near = c > level
             runs = np.split(np.arange(t.size), np.flatnonzero(np.diff(near.astype(int))) + 1)

@@ -15,16 +15,23 @@ from scipy.integrate import DOP853
 from socp import laws
 from socp.errors import MethodError
 from socp.model import (
+    ROUNDED,
+    TINY,
     Arc,
     Feasibility,
     Problem,
     Solution,
+    along,
     barycentric,
     column,
-    final_time,
-    initial_time,
+    condition_function,
+    condition_slopes,
+    end_values,
     lagrange,
+    mayer_function,
+    once,
     parameters_of,
+    running_function,
     scales,
     sizes,
     time,
@@ -46,22 +53,19 @@ def end_miss(
     low, high = problem.end_box
     excess = np.maximum(np.maximum(low - x, x - high), 0.0) / scale
     found = dict(zip(problem.state_names, excess.tolist(), strict=True))
-    symbols = casadi.vertcat(problem.x, problem.x0, problem.p, initial_time, final_time)
-    times = [solution.initial_time, solution.final_time]
-    values = np.concatenate([x, solution.arcs[0].x[:, 0], parameters_of(problem, solution), times])
-    sizes = np.concatenate([scale, scale, np.abs(values[2 * x.size :])])
+    values = [x, *end_values(problem, solution)[1:]]
+    sizes = np.concatenate([scale, scale, np.abs(np.hstack(values[2:]))])
     for condition in problem.conditions:
-        psi = condition.expression
-        function = casadi.Function("psi", [symbols], [psi, casadi.jacobian(psi, symbols)])
-        value, slope = (each.full().ravel() for each in function(values))
-        violation = abs(value[0]) if condition.equation else max(value[0], 0.0)
+        value = float(condition_function(problem, condition)(*values))
+        slope = casadi.horzcat(*condition_slopes(problem, condition)(*values)).full().ravel()
+        violation = abs(value) if condition.equation else max(value, 0.0)
         found[condition.name] = float(violation / (np.abs(slope) @ sizes or 1.0))
     for name, at, (first, last) in (
         ("initial time", solution.initial_time, problem.initial_time_box),
         ("final time", solution.final_time, problem.final_time_box),
     ):
         found[name] = max(first - at, at - last, 0.0) / max(
-            solution.final_time - solution.initial_time, 1e-300
+            solution.final_time - solution.initial_time, TINY
         )
     worst = max(found, key=lambda name: np.inf if np.isnan(found[name]) else found[name])
     return found[worst], worst
@@ -78,8 +82,7 @@ def path_miss(
     stack = column(c.expression for c in problem.constraints)
     slopes = casadi.mtimes(casadi.fabs(casadi.jacobian(stack, problem.x)), scale)
     function = casadi.Function("c", [problem.x, time, problem.p], [stack, slopes])
-    given = np.array(x).T, np.array(t)[None, :], np.repeat(p[:, None], len(t), axis=1)
-    values, sizes = (each.full() for each in function.map(len(t))(*given))
+    values, sizes = along(function, np.array(x).T, np.array(t), p)
     # a constraint's magnitude is how much it changes when every state changes by its own, at worst
     # along the way
     relative = values.max(axis=1) / np.where((largest := sizes.max(axis=1)) > 0, largest, 1.0)
@@ -104,44 +107,29 @@ def objective_of(
     """
     (t, x, u), p = motion, parameters_of(problem, solution)
     ends = solution.initial_time, solution.final_time
-    mayer = casadi.Function(
-        "mayer", [problem.x, problem.x0, problem.p, initial_time, final_time], [problem.mayer]
-    )
-    cost = casadi.Function("cost", [problem.x, problem.u, time, problem.p], [problem.lagrangian])
+    mayer, cost = mayer_function(problem), running_function(problem)
 
     def last(states: np.ndarray) -> np.ndarray:
         return np.array(mayer(states, x[:, 0], p, *ends).full().ravel())
 
-    def along(states: np.ndarray) -> np.ndarray:
-        return np.array(
-            cost.map(t.size)(states, u, t[None, :], np.repeat(p[:, None], t.size, axis=1))
-            .full()
-            .ravel()
-        )
+    def within(states: np.ndarray) -> np.ndarray:
+        return along(cost, states, u, t, p)[0].ravel()
 
     value = running + float(last(x[:, -1])[0])
-    terms = _magnitude(along, x, scale[:, None])
+    terms = _magnitude(within, x, scale[:, None])
     size = float(
         np.sum(0.5 * (terms[1:] + terms[:-1]) * np.diff(t)) + _magnitude(last, x[:, -1], scale)[0]
     )
     off = abs(solution.objective - value)
-    return value, off / max(size, 1e-300) if off == off else np.inf  # noqa: PLR0124 - nan is far from everything
+    return value, off / max(size, TINY) if off == off else np.inf  # noqa: PLR0124 - nan is far from everything
 
 
 def running_size(problem: Problem, solution: Solution) -> float:
     """Return the integral of the running cost's absolute value at the returned nodes, 1 where that
     is none.
     """
-    cost, n = (
-        casadi.Function("cost", [problem.x, problem.u, time, problem.p], [problem.lagrangian]),
-        solution.t.size,
-    )
-    given = np.repeat(parameters_of(problem, solution)[:, None], n, axis=1)
-    values = (
-        cost.map(n)(solution.rows("x"), solution.rows("u"), solution.t[None, :], given)
-        .full()
-        .ravel()
-    )
+    given = solution.rows("x"), solution.rows("u"), solution.t, parameters_of(problem, solution)
+    values = along(running_function(problem), *given)[0].ravel()
     found = float(np.nansum(0.5 * np.abs(values[1:] + values[:-1]) * np.diff(solution.t)))
     return found if 0.0 < found < np.inf else 1.0
 
@@ -179,17 +167,11 @@ def verify(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
     A solution keeps what was found for it: it is asked for more than once on the way to a certified
     word.
     """
-    known: list[tuple[Problem, tuple[Feasibility, ...]]] = vars(solution).setdefault(
-        "_verified", []
-    )
-    for posed, found in known:
-        if posed is problem:
-            return found
-    known.append((problem, _both(problem, solution)))
-    return known[-1][1]
+    return _both(solution, problem)
 
 
-def _both(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
+@once
+def _both(solution: Solution, problem: Problem) -> tuple[Feasibility, ...]:
     as_time = [_time_pieces(arc) for arc in solution.arcs]
     found = [_verify(problem, solution, as_time, feedback=False)]
     if all(arc.lawful for arc in solution.arcs):
@@ -244,7 +226,7 @@ def _polynomial(times: np.ndarray, values: np.ndarray) -> Control:
     weights = barycentric(times)
     if weights is None:
         return lambda t, _x: lagrange(times, values, np.array([t]))[:, 0]
-    near = 1e-15 * np.ptp(times)
+    near = ROUNDED * np.ptp(times)
 
     def control(t: float, _x: np.ndarray) -> np.ndarray:
         distance = t - times
@@ -258,11 +240,7 @@ def _polynomial(times: np.ndarray, values: np.ndarray) -> Control:
 
 
 def _feedback(problem: Problem, arc: Arc, p: np.ndarray) -> Control:
-    law = laws.arc_law(problem, arc.modes)
-    if law.costate:
-        raise MethodError("a law that depends on the costate is no feedback in the state")
-    function = casadi.Function("law", [problem.x, time, problem.p], [law.control])
-    evaluate = fast(function)
+    evaluate = fast(laws.feedback_function(problem, arc.modes))
     return lambda t, x: evaluate(x, t, p)
 
 

@@ -4,20 +4,27 @@ solution.
 
 from itertools import groupby, pairwise
 
-import casadi
 import numpy as np
 
 from socp import laws
-from socp.model import Arc, Constraint, Mode, Problem, Solution, column, time
+from socp.model import (
+    ACTIVE,
+    AT_BOUND,
+    TINY,
+    Arc,
+    Constraint,
+    Mode,
+    Problem,
+    Solution,
+    along,
+    constraint_function,
+    parameters_of,
+)
 
 Stretch = tuple[str, float, float]  # (mode as a word spells it, start, end)
 
-# of the width of a control's box: an interior point ends about 1e-6 of it inside, ringing passes it
-# only in flight
-AT_BOUND = 1e-3
-# of the range of a state constraint's values on the solution: as near counts as on it
-ACTIVE = 1e-4
-# the same where a word is fitted to a coarse solution, which comes no nearer
+# of the range of a state constraint's values: as near counts as on it where a word is fitted to a
+# coarse solution, which comes no nearer than this
 _FITS = 1e-2
 
 
@@ -59,7 +66,7 @@ def misfit(
         for constraint in laws.acting(problem, control):
             if mode.constraint in {None, constraint.name}:
                 values = constraint_values(problem, solution, constraint, t, solution.at(t))
-                near |= values > -_FITS * max(float(np.ptp(values)), 1e-300)
+                near |= values > -_FITS * max(float(np.ptp(values)), TINY)
         return np.where(near, 0.0, 0.5)
     if mode.kind in {"lower", "upper"}:
         return np.array(share if mode.kind == "lower" else 1.0 - share)
@@ -70,11 +77,8 @@ def constraint_values(
     problem: Problem, solution: Solution, constraint: Constraint, t: np.ndarray, x: np.ndarray
 ) -> np.ndarray:
     """Evaluate a state constraint at times t (n,) and states x (nx, n); returns (n,)."""
-    p = column(solution.parameters[name] for name in problem.parameter_names)
-    function = casadi.Function(
-        "c", [problem.x, time], [casadi.substitute(constraint.expression, problem.p, p)]
-    )
-    return np.array(function.map(t.size)(x, t[None, :]).full().ravel())
+    function, p = constraint_function(problem, constraint), parameters_of(problem, solution)
+    return along(function, x, t, p)[0].ravel()
 
 
 def _read(problem: Problem, solution: Solution, arc: Arc, i: int) -> list[Stretch]:
@@ -125,7 +129,7 @@ def _read(problem: Problem, solution: Solution, arc: Arc, i: int) -> list[Stretc
 def _active(problem: Problem, solution: Solution, arc: Arc, constraint: Constraint) -> np.ndarray:
     """Return a mask (intervals,) of the intervals all of whose nodes lie on a state constraint."""
     values = constraint_values(problem, solution, constraint, arc.t, arc.x)
-    near = values > -ACTIVE * max(float(np.ptp(values)), 1e-300)
+    near = values > -ACTIVE * max(float(np.ptp(values)), TINY)
     return np.array([bool(near[a : b + 1].all()) for a, b in pairwise(arc.mesh)])
 
 

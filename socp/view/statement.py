@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import casadi
 import numpy as np
 
-from socp.model import Expr
+from socp.model import AREA, HYPERBOLIC, POWERS, TRIGONOMETRIC, Expr, coded
 
 _INFIX = {  # operation -> sign, precedence
     casadi.OP_LE: (" <= ", 1),
@@ -23,38 +23,10 @@ _INFIX = {  # operation -> sign, precedence
     casadi.OP_POW: ("**", 5),
     casadi.OP_CONSTPOW: ("**", 5),
 }
-_CALLS = {
-    getattr(casadi, f"OP_{name.upper()}"): name
-    for name in (
-        "exp",
-        "log",
-        "sqrt",
-        "sin",
-        "cos",
-        "tan",
-        "asin",
-        "acos",
-        "atan",
-        "sinh",
-        "cosh",
-        "tanh",
-        "asinh",
-        "acosh",
-        "atanh",
-        "fabs",
-        "sign",
-        "floor",
-        "ceil",
-        "erf",
-        "fmin",
-        "fmax",
-        "atan2",
-        "fmod",
-        "log1p",
-        "expm1",
-        "hypot",
-    )
-}
+_CALLS = coded(
+    *(*POWERS, *TRIGONOMETRIC, *HYPERBOLIC, *AREA, "fabs", "sign", "floor", "ceil", "erf"),
+    *("fmin", "fmax", "atan2", "fmod", "log1p", "expm1", "hypot"),
+)
 _ATOM, _UNARY, _PRODUCT = 9, 4, 3
 _OPPOSITE = {casadi.OP_ADD: " - ", casadi.OP_SUB: " + "}
 _DENOMINATORS = (1, 2, 3, 4, 6)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from socp.model import Arc, lagrange
+from socp.model import TINY, Arc, lagrange
 
 if TYPE_CHECKING:
     from socp.model import Problem, Solution
@@ -96,8 +96,7 @@ def _sampled(arc: Arc, step: float) -> dict[str, np.ndarray]:
     """
     ends = arc.t[arc.mesh]
     counts = [
-        int(np.clip(np.ceil(length / max(step, 1e-300)) + 1, 2, _FINEST))
-        for length in np.diff(ends)
+        int(np.clip(np.ceil(length / max(step, TINY)) + 1, 2, _FINEST)) for length in np.diff(ends)
     ]
     t = np.concatenate(
         [np.linspace(a, b, n) for a, b, n in zip(ends[:-1], ends[1:], counts, strict=True)]
@@ -136,26 +135,16 @@ def _completed(
         return Traces(**found, switching=np.full(found["u"].shape, np.nan), hamiltonian=unknown)
     import casadi
 
-    from socp.model import column, time
+    from socp.model import along, column, parameters_of, time
 
-    p = np.array([solution.parameters[name] for name in problem.parameter_names], dtype=float)
     constraints = column(each.expression for each in problem.constraints)
     symbols = [problem.x, problem.u, problem.costate, time, problem.p]
     results = [
         casadi.densify(each) for each in (problem.switching, problem.hamiltonian, constraints)
     ]
-    n = found["t"].size
-    given: list[Any] = [
-        found["x"],
-        found["u"],
-        found["costate"],
-        found["t"][None, :],
-        np.repeat(p[:, None], n, axis=1),
-    ]
-    switching, hamiltonian, c = (
-        each.full() for each in casadi.Function("along", symbols, results).map(n)(*given)
-    )
-    named = {each.name: c.reshape(-1, n)[k] for k, each in enumerate(problem.constraints)}
+    given = found["x"], found["u"], found["costate"], found["t"], parameters_of(problem, solution)
+    switching, hamiltonian, c = along(casadi.Function("along", symbols, results), *given)
+    named = {each.name: c[k] for k, each in enumerate(problem.constraints)}
     return Traces(
         **found,
         switching=switching,

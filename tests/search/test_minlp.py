@@ -56,10 +56,8 @@ def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Fake:
         (tmp_path / "fake_solver.py").write_text(
             f"import os, sys, time\ndef work(job, tell):\n{lines}\n"
         )
-        folder = tmp_path / "run"
-        folder.mkdir()
         return solved_apart(
-            TOY, GUESS, Job("fake_solver", folder, {}, time.time() + seconds, "fake"), watch
+            TOY, GUESS, Job("fake_solver", "fake", seconds, lambda _folder: {}), watch
         )
 
     return run

@@ -31,16 +31,9 @@ from socp import (
 from socp.cli import main
 from socp.cli.show import facts
 from socp.model import Mode
-from socp.model.findings import (
-    EXTREMAL,
-    FEASIBLE,
-    SHORTEST,
-    Condition,
-    Finding,
-    Place,
-    Verdict,
-)
+from socp.model.findings import Condition, Finding, Place, Verdict
 from socp.model.solution import Stop
+from socp.model.tolerances import EXTREMAL, FEASIBLE, SHORTEST
 from socp.registry.plugins import Registry
 from socp.search.conclusion import bettered, concluded, explained, foremost, pursued
 from socp.search.effort import Ration, Search, clearly, off, precedes

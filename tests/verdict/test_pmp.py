@@ -22,7 +22,7 @@ from socp import (
     uniform,
 )
 from socp.methods.guess import split
-from socp.model.findings import EXTREMAL, FEASIBLE
+from socp.model.tolerances import EXTREMAL, FEASIBLE
 from socp.transcription.schemes import lgr
 
 SHARP = Ipopt({"tol": 1e-11})

@@ -19,6 +19,7 @@ from socp.cli.running import made, solved
 from socp.cli.session import Exit, Session, messages, results, show, write_json
 from socp.cli.show import facts, variations, worst
 from socp.errors import SocpError
+from socp.model import COMPARED
 from socp.process import heard, held, one_line
 from socp.registry import Registry, load_problem, reason
 from socp.view import signed, small, switching, times, to_reference
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
     from socp.methods import Method
     from socp.model import Problem, Solution
     from socp.registry import Guarded
-
-FEASIBLE = 1e-6  # violation, relative, up to which objectives are compared with one another
 
 
 @final
@@ -124,7 +123,7 @@ def best_of(rows: list[Row]) -> float:
     where none is.
     """
     found = [row.solution for row in rows if row.ok and row.solution is not None]
-    feasible = [solution.objective for solution in found if worst(solution) <= FEASIBLE]
+    feasible = [solution.objective for solution in found if worst(solution) <= COMPARED]
     if feasible:
         return min(feasible)
     return min(found, key=worst).objective if found else math.nan

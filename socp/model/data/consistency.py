@@ -14,14 +14,13 @@ from socp.errors import MethodError, ProblemError
 from socp.model.data import stated
 from socp.model.data.schema import Arc, Finding, Result
 from socp.model.findings import Condition
+from socp.model.tolerances import SAME_TIME
 from socp.model.word import Mode
 
 SCHEMAS = (1, 2)  # versions of the layout that are read; in the first, results carried no statement
 # of a time, state, control or costate: the square of a larger one, which every norm takes,
 # overflows
 LARGEST = 1e150
-# of the horizon: arcs meet up to the rounding of the sums of their lengths
-_GAP = 1e-9
 
 
 def document(text: str) -> dict[str, Any]:
@@ -247,7 +246,7 @@ def _in_order(arcs: list[Arc]) -> None:
             f"arcs: the horizon from {arcs[0].t[0]} to {arcs[-1].t[-1]} has no length"
         )
     for k, (one, two) in enumerate(itertools.pairwise(arcs)):
-        if abs(two.t[0] - one.t[-1]) > _GAP * horizon:
+        if abs(two.t[0] - one.t[-1]) > SAME_TIME * horizon:
             raise ProblemError(
                 f"arcs[{k + 1}].t[0]: {two.t[0]}, but the arc before it ends at {one.t[-1]}"
             )

@@ -14,7 +14,7 @@ from typing import Any
 import casadi
 
 from socp.errors import ProblemError
-from socp.model.graph import operation_name
+from socp.model.graph import AREA, HYPERBOLIC, POWERS, TRIGONOMETRIC, coded, operation_name, traced
 from socp.model.symbols import Expr, column
 
 Node = float | str | list[str | int]
@@ -27,61 +27,14 @@ MOST = 200_000
 DEEPEST = 10_000
 # Two settle every expression met so far: casadi folds what has become one, such as f f into f**2
 _ROUNDS = 10
-_UNARY = (
-    "neg",
-    "exp",
-    "log",
-    "sqrt",
-    "sq",
-    "twice",
-    "inv",
-    "sin",
-    "cos",
-    "tan",
-    "asin",
-    "acos",
-    "atan",
-    "sinh",
-    "cosh",
-    "tanh",
-    "asinh",
-    "acosh",
-    "atanh",
-    "fabs",
-    "sign",
-    "floor",
-    "ceil",
-    "erf",
-    "erfinv",
-    "log1p",
-    "expm1",
-    "not",
-)
-_BINARY = (
-    "add",
-    "sub",
-    "mul",
-    "div",
-    "pow",
-    "constpow",
-    "lt",
-    "le",
-    "eq",
-    "ne",
-    "and",
-    "or",
-    "fmod",
-    "remainder",
-    "copysign",
-    "fmin",
-    "fmax",
-    "atan2",
-    "hypot",
-    "if_else_zero",
-)
-ARITY: Mapping[str, int] = {**dict.fromkeys(_UNARY, 1), **dict.fromkeys(_BINARY, 2)}
-_CODES = {name: int(getattr(casadi, f"OP_{name.upper()}")) for name in ARITY}
-_NAMES = {code: name for name, code in _CODES.items()}
+_ROUNDED = ("fabs", "sign", "floor", "ceil")
+_UNARY = ("neg", "sq", "twice", "inv", *POWERS, *TRIGONOMETRIC, *HYPERBOLIC, *AREA, *_ROUNDED)
+_OF_ONE = (*_UNARY, "erf", "erfinv", "log1p", "expm1", "not")
+_SIGNS = ("add", "sub", "mul", "div", "pow", "constpow", "lt", "le", "eq", "ne", "and", "or")
+_OF_TWO = ("fmod", "remainder", "copysign", "fmin", "fmax", "atan2", "hypot", "if_else_zero")
+ARITY: Mapping[str, int] = {**dict.fromkeys(_OF_ONE, 1), **dict.fromkeys((*_SIGNS, *_OF_TWO), 2)}
+_NAMES = coded(*ARITY)
+_CODES = {name: code for code, name in _NAMES.items()}
 
 
 def written(
@@ -168,13 +121,8 @@ def _listed(
     casadi meets them.
     """
     names = list(symbols)
-    function = casadi.Function(
-        "listed", [column(symbols.values())], [casadi.densify(column(expressions))]
-    )
     nodes: list[Node] = []
     known: dict[Any, int] = {}
-    work: dict[int, int] = {}  # register -> place
-    places = [-1] * len(expressions)
 
     def place(node: Node) -> int:
         key = (
@@ -189,25 +137,23 @@ def _listed(
             nodes.append(node)
         return known[key]
 
-    for k in range(function.n_instructions()):
-        operation, output = function.instruction_id(k), function.instruction_output(k)
-        if operation == casadi.OP_CONST:
-            work[output[0]] = place(_number(float(function.instruction_constant(k))))
-        elif operation == casadi.OP_INPUT:
-            work[output[0]] = place(names[function.instruction_input(k)[1]])
-        elif operation == casadi.OP_OUTPUT:
-            places[output[1]] = work[function.instruction_input(k)[0]]
-        elif operation in _NAMES:
-            arguments = [work[register] for register in function.instruction_input(k)]
-            work[output[0]] = place([_NAMES[operation], *arguments[: ARITY[_NAMES[operation]]]])
-        else:
-            raise ProblemError(
-                f"the operation '{operation_name(operation)}' cannot be written as data"
-            )
-    zero = (
-        place(0.0) if -1 in places else -1
-    )  # casadi writes no instruction for an output that is zero throughout
-    return nodes, [zero if each == -1 else each for each in places]
+    def of_operation(operation: int, *arguments: int) -> int:
+        if operation not in _NAMES:
+            named = operation_name(operation)
+            raise ProblemError(f"the operation '{named}' cannot be written as data")
+        name = _NAMES[operation]
+        return place([name, *arguments[: ARITY[name]]])
+
+    found = traced(
+        column(expressions),
+        column(symbols.values()),
+        lambda k: place(names[k]),
+        lambda number: place(_number(number)),
+        of_operation,
+    )
+    # casadi writes no instruction for an output that is zero throughout
+    zero = place(0.0) if None in found else -1
+    return nodes, [zero if each is None else each for each in found]
 
 
 def _number(value: float) -> float:

@@ -16,7 +16,20 @@ import numpy as np
 
 from socp import laws
 from socp.laws import arc_modes
-from socp.model import Expr, Modes, Problem, column, final_time, initial_time, time, walked
+from socp.model import (
+    HYPERBOLIC,
+    POWERS,
+    TRIGONOMETRIC,
+    Expr,
+    Modes,
+    Problem,
+    coded,
+    column,
+    final_time,
+    initial_time,
+    time,
+    walked,
+)
 from socp.process import one_line
 from socp.search.integer.bounds import enclosed, reachable
 from socp.search.integer.reduction import binary_modes
@@ -24,20 +37,7 @@ from socp.search.integer.template import MODEL
 from socp.solvers import NLPPoint
 from socp.transcription import Table, lgr, table, uniform
 
-_FUNCTIONS = (
-    "sin",
-    "cos",
-    "tan",
-    "asin",
-    "acos",
-    "atan",
-    "sinh",
-    "cosh",
-    "tanh",
-    "exp",
-    "log",
-    "sqrt",
-)
+_FUNCTIONS = coded(*TRIGONOMETRIC, *HYPERBOLIC, *POWERS)
 _SIGNS = {"ADD": "+", "SUB": "-", "MUL": "*", "DIV": "/", "POW": "**", "CONSTPOW": "**"}
 
 
@@ -119,7 +119,7 @@ def _head(problem: Problem, switches: int, points: int) -> str:
         f'"""{_inside(problem.name)}: at most {switches} switches, {switches + 1} arcs of {points} '
         f"Legendre-Gauss-Radau points; a Pyomo.GDP model.\n\n"
         f'{_inside(legend)}; y the costate, where laws need it.\n"""\n\n'
-        f"import pyomo.environ as pyo\nfrom pyomo.environ import {', '.join(_FUNCTIONS)}\n"
+        f"import pyomo.environ as pyo\nfrom pyomo.environ import {', '.join(_FUNCTIONS.values())}\n"
         "from pyomo.gdp import Disjunct, Disjunction\n"
     )
 
@@ -225,10 +225,7 @@ def _function(name: str, arguments: dict[str, Expr], expressions: Expr, *, eleme
         return f"w{len(lines) - 1}"
 
     operations: dict[int, Any] = {
-        **{
-            getattr(casadi, f"OP_{f.upper()}"): (lambda a, f=f: step(f"{f}({a})"))
-            for f in _FUNCTIONS
-        },
+        **{code: (lambda a, f=f: step(f"{f}({a})")) for code, f in _FUNCTIONS.items()},
         **{
             getattr(casadi, f"OP_{s}"): (lambda a, b, s=sign: step(f"{a} {s} {b}"))
             for s, sign in _SIGNS.items()

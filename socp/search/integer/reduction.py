@@ -18,7 +18,7 @@ import numpy as np
 from socp import laws
 from socp.errors import MethodError
 from socp.laws import admissible, arc_modes, evaluator
-from socp.model import Expr, Mode, Modes, Problem, column, time
+from socp.model import Expr, Mode, Modes, Problem, column, once, time
 from socp.search.integer.bounds import enclosed
 from socp.transcription import Choice, Phase, PhasedProblem, Row
 
@@ -64,13 +64,10 @@ def binary_modes(
     return PhasedProblem(problem, phases, tuple(rules))
 
 
+@once
 def _menu(problem: Problem) -> "_Menu":
     """Return the menu of a problem; it is made once, since comparing laws takes its time."""
-    known = vars(problem)  # as its own cached properties
-    if "_menu" not in known:
-        known["_menu"] = _Menu(problem, arc_modes(problem))
-    menu: _Menu = known["_menu"]
-    return menu
+    return _Menu(problem, arc_modes(problem))
 
 
 @final

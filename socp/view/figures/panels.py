@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from socp.model import TINY
 from socp.view.figures import style
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ def _limits(curve: Curve, unit: float) -> tuple[float, float]:
         min([low, *shown, *([0.0] if curve.zero else [])]),
         max([high, *shown, *([0.0] if curve.zero else [])]),
     )
-    least = 1e-6 * max(abs(low), abs(high), 1e-300)  # rounding is not to fill the panel
+    least = 1e-6 * max(abs(low), abs(high), TINY)  # rounding is not to fill the panel
     pad = (
         0.08 * max(high - low, least)
         if high - low > least

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from socp.model import Picture, Problem, Solution, picture
+from socp.model import TINY, Picture, Problem, Solution, picture
 from socp.view.recording.contents import BARS
 from socp.view.recording.items import GREY, Corner, Group, Item, Panel, Series, Timeline
 from socp.view.recording.plane import STRIP, scale, window
@@ -226,7 +226,7 @@ def _free_corner(series: Sequence[Series], span: tuple[float, float]) -> Corner:
         t = np.linspace(first, last, 500)
         known = np.isfinite(each.values)
         values = np.interp(t, each.at[known], each.values[known])
-        across = (t - first) / max(last - first, 1e-300)
+        across = (t - first) / max(last - first, TINY)
         up = (values - span[0]) / (span[1] - span[0])
         length = np.hypot(np.gradient(across), np.gradient(up))
         for corner in crowd:
