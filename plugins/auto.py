@@ -3,6 +3,7 @@ certifies it.
 """
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, final
 
@@ -22,7 +23,8 @@ from socp import (
 )
 from socp.methods import scouts
 from socp.model import Stop
-from socp.search import Search, concluded, pursued, refine, trusted
+from socp.process import within
+from socp.search import Search, concluded, escalated, pursued, refine, searching, trusted
 from socp.study import limited
 from socp.transcription import euler, radau_iia
 
@@ -51,6 +53,9 @@ class Auto(Method):
     max_switches: int = option(
         6, "most switches of the best word where the control chatters; 0: any number", least=0
     )
+    seconds: float = option(
+        60.0, "seconds allowed in all; used up before the search gives up", least=1.0
+    )
     backend: Backend = option(_DIRECT, "solver of the first direct solves")
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
@@ -59,9 +64,10 @@ class Auto(Method):
         """
         began, search, directs = time.perf_counter(), Search(), list[Solution]()
         try:
-            found = self._searched(problem, guess, (search, directs), watch)
-            if found.extremal:
-                found = trusted(problem, found, self.digits, search.backend, watch)
+            with within(self.seconds):
+                found = self._searched(problem, guess, (search, directs), watch)
+                if found.extremal:
+                    found = trusted(problem, found, self.digits, search.backend, watch)
         except KeyboardInterrupt:  # between two solves; inside one the backend stops by itself
             known = search.best or (directs[-1] if directs else None)
             if known is None:
@@ -75,13 +81,32 @@ class Auto(Method):
         self, problem: Problem, guess: Solution, known: tuple[Search, list[Solution]], watch: Watch
     ) -> Solution:
         search, directs = known
-        meshes = uniform(radau_iia(2), self.steps // 2), uniform(euler(), 2 * self.steps)
-        met = scouts(problem, guess, self.starts, watch)
-        for start in (*met, guess):
+        with within(searching(self.seconds)):
+            met = scouts(problem, guess, self.starts, watch)
+            stopped = self._first(problem, [*met, guess], known, watch)
+            if stopped is not None:
+                return stopped
+            escalated(problem, search, directs, (self.steps, self.backend), watch)
+        hand = [*directs, *met]
+        pursued(problem, search, hand, watch)
+        return limited(problem, concluded(problem, search, hand, watch), self.max_switches, watch)
+
+    def _first(
+        self,
+        problem: Problem,
+        starts: Sequence[Solution],
+        known: tuple[Search, list[Solution]],
+        watch: Watch,
+    ) -> Solution | None:
+        """Refine from one start after another; returns what there is where a solve is
+        interrupted.
+        """
+        search, directs = known
+        for start in starts:
             if start.stop is Stop.INTERRUPTED:
                 return start
             shown: list[Solution] = []
-            for mesh in meshes:
+            for mesh in uniform(radau_iia(2), self.steps // 2), uniform(euler(), 2 * self.steps):
                 direct = solve_collocated(single_phase(problem), [mesh], self.backend, start, watch)
                 directs.append(direct)
                 if direct.stop is Stop.INTERRUPTED:
@@ -95,9 +120,7 @@ class Auto(Method):
                 refine(problem, direct, search, watch, late=True)
             if search.over:
                 break
-        hand = [*directs, *met]
-        pursued(problem, search, hand, watch)
-        return limited(problem, concluded(problem, search, hand, watch), self.max_switches, watch)
+        return None
 
 
 @hookimpl

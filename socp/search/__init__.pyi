@@ -1,6 +1,8 @@
 from .attempt import Coarse as Coarse
 from .branching import Branching as Branching
 from .branching import Child as Child
+from .budget import escalated as escalated
+from .budget import searching as searching
 from .candidate import Candidate as Candidate
 from .candidate import Joint as Joint
 from .candidate import merged as merged

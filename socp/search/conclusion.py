@@ -130,9 +130,16 @@ def pursued(
 
 def explained(problem: Problem, search: Search) -> str:
     """Say in a sentence or two what a search without a certified word has left open."""
-    tried = f"no word of the {search.count} tried is certified" + (
-        ", and the work allowed for the search is done" if search.spent else ""
-    )
+    cut = [each for each in search.nodes if each.stop == Stop.LIMIT.name]
+    tried = f"no word of the {search.count - len(cut)} tried is certified"
+    if cut:
+        tried += f", {len({each.word for each in cut})} more cut off before they converged"
+    if search.late:
+        tried += ", and the time allowed is over: the option seconds allows more"
+    elif search.spent:
+        tried += ", and the work allowed for the search is done"
+    if len(search.grids) > 1:
+        tried += f"; grids of up to {max(search.grids)} steps"
     best = search.best
     if best is None or best.verdict is None:
         return tried

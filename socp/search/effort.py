@@ -4,10 +4,12 @@ from dataclasses import dataclass, field, replace
 from typing import final
 
 from socp.model import EXTREMAL, FEASIBLE, Node, Solution, Stop, Watch, silent
+from socp.process import left
 from socp.solvers import NLP, Ipopt, NLPPoint
 
-_WORDS = 80  # words tried from all direct solutions together
-_WORK = 1e6  # iterations times variables in all: some ten seconds, and the same words at any speed
+_WORDS = 80  # words tried in the first round
+# Iterations times variables in the first round: some ten seconds, and the same words at any speed
+_WORK = 1e6
 _SETUP = 10  # iterations that building a programme is worth
 _ALIKE = 1e-3  # relative: objectives of one solution on two grids differ by as much
 # Times how far a re-integration is off: what that may be worth in the objective, relative as well
@@ -48,7 +50,8 @@ class Search:
     """What a search over words has tried so far: its words that were solved, their number, and the
     best solution.
 
-    `refine` goes on with it from one direct solution to the next.
+    `refine` goes on with it from one direct solution to the next. `grids`: steps of the grids of
+    all rounds; `late`: whether the time allowed ended it.
     """
 
     solved: set[str] = field(default_factory=set)
@@ -58,6 +61,17 @@ class Search:
     nodes: list[Node] = field(default_factory=list)
     rounded: bool = False
     other: Solution | None = None
+    words: int = _WORDS
+    grids: list[int] = field(default_factory=list)
+    late: bool = False
+
+    def begin(self, backend: Ration, words: int, steps: int) -> None:
+        """Begin another round: with so much more work and so many more words, on grids of so many
+        steps.
+        """
+        self.backend, self.words = backend, self.count + words
+        self.solved, self.rounded = set(), False
+        self.grids.append(steps)
 
     def keep(self, solution: Solution) -> None:
         """Keep a judged word if it is the best; `other` remains the best of those that are not
@@ -93,8 +107,8 @@ class Search:
 
     @property
     def spent(self) -> bool:
-        """Whether the work or the number of words allowed is done."""
-        return self.backend.left <= 0 or self.count >= _WORDS
+        """Whether the time, the work or the number of words allowed is done."""
+        return self.backend.left <= 0 or self.count >= self.words or left() <= 0.0
 
 
 def node(word: str, solution: Solution | None) -> Node:

@@ -10,7 +10,7 @@ from socp.errors import MethodError, SolveError
 from socp.laws import arc_modes
 from socp.methods import Follower, arranged, sound
 from socp.model import SHORTEST, Problem, Solution, Stop, Watch, Word, silent
-from socp.process import breakable
+from socp.process import breakable, left
 from socp.search import (
     Candidate,
     Joint,
@@ -136,7 +136,7 @@ class _Trials:
         those before.
         """
         count = len(given.arcs) - 1
-        over = self.interrupted or self.words >= max(_MOST, _ALL)
+        over = self.interrupted or left() <= 0.0 or self.words >= max(_MOST, _ALL)
         if over or not 0 <= count <= self.most or given.key in self.tried:
             return False
         self.tried.add(given.key)

@@ -1,0 +1,105 @@
+"""Motions as guesses: where a problem's controls, held constant, take it from its start."""
+
+from collections.abc import Callable, Iterator
+from itertools import product
+
+import casadi
+import numpy as np
+from scipy.integrate import BDF
+
+from socp.methods.guess import guess_of
+from socp.model import Problem, Solution, parameters_of, scales, time
+
+_LEVELS = (0.0, 0.5, 1.0)  # of the box: the ends of what a control can do, and between
+_CORNERS = 2  # controls up to which every combination of levels is driven; of more, all at one
+# Horizons tried, over the estimate, where the final time is free: it is of the right order, but
+# swings and turns take several times as long as a straight way
+_HORIZONS = (1.0, 2.0, 4.0, 8.0, 0.5, 0.25, 0.125)
+_STEPS = 2000  # of the integrator: a motion that takes more is cut, a guess needs no more
+_RTOL = 1e-6  # a guess needs no digits
+_AWAY = 1e3  # times the states' magnitudes: what goes further has escaped, and holds there
+_NODES = 201  # samples of a motion; growth over many e-foldings happens at the end
+
+
+def driven(problem: Problem, guess: Solution) -> Iterator[Solution]:
+    """Yield the motions from the start of a guess with constant controls, for one horizon after the
+    other.
+
+    They satisfy the dynamics, unlike straight lines, which stiff or growing motion is far from. The
+    states keep to their box where the motion would leave it, and stay where it escapes.
+    """
+    for factor in horizons(problem):
+        length = factor * (guess.final_time - guess.initial_time)
+        last = float(np.clip(guess.initial_time + length, *problem.final_time_box))
+        if last > guess.initial_time:
+            yield from (_driven(problem, guess, level, last) for level in _levels(problem))
+
+
+def stretched(problem: Problem, guess: Solution) -> Iterator[Solution]:
+    """Yield a guess over other horizons, from 1/8 to 8 times its own, where the final time is
+    free.
+    """
+    t, t0 = guess.t, guess.initial_time
+    for factor in horizons(problem)[1:]:
+        times = t0 + factor * (t - t0)
+        if problem.final_time_box[0] <= times[-1] <= problem.final_time_box[1]:
+            x, u = guess.rows("x"), guess.rows("u")
+            yield guess_of(problem, times, x, u, dict(guess.parameters))
+
+
+def horizons(problem: Problem) -> tuple[float, ...]:
+    """Return the horizons to try over the one that is guessed, that one first; alone where it is
+    fixed.
+    """
+    low, high = problem.final_time_box
+    return _HORIZONS if low < high else _HORIZONS[:1]
+
+
+def _levels(problem: Problem) -> Iterator[np.ndarray]:
+    low, high = problem.box
+    if low.size <= _CORNERS:
+        shares = [np.array(each) for each in product(_LEVELS, repeat=low.size)]
+    else:
+        shares = [np.full(low.size, each) for each in _LEVELS]
+    yield from (low + share * (high - low) for share in shares)
+
+
+def _driven(problem: Problem, guess: Solution, u: np.ndarray, last: float) -> Solution:
+    p = parameters_of(problem, guess)
+    rate = casadi.Function("rate", [time, problem.x, problem.u, problem.p], [problem.rate])
+    sizes, x0 = scales(problem, guess), guess.rows("x")[:, 0]
+
+    def moved(t: float, x: np.ndarray) -> np.ndarray:
+        return np.array(rate(t, x, u, p).full()).ravel()
+
+    t = np.linspace(guess.initial_time, last, _NODES)
+    x = np.repeat(x0[:, None], _NODES, axis=1)
+    with np.errstate(all="ignore"):  # towards a pole
+        times, states = _integrated(moved, (guess.initial_time, last), x0, sizes)
+    for k in range(x0.size):
+        x[k] = np.interp(t, times, states[:, k])
+    x = np.clip(x, *problem.state_box[:, :, None])
+    return guess_of(problem, t, x, np.repeat(u[:, None], _NODES, axis=1), dict(guess.parameters))
+
+
+def _integrated(
+    moved: Callable[[float, np.ndarray], np.ndarray],
+    span: tuple[float, float],
+    x0: np.ndarray,
+    sizes: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return times (n,) and states (n, nx) along a motion, up to where it escapes or is cut."""
+    times, states = [span[0]], [x0]
+    if not np.isfinite(moved(span[0], x0)).all():
+        return np.array(times), np.array(states)
+    steps = BDF(moved, span[0], x0, span[1], rtol=_RTOL, atol=_RTOL * _RTOL * sizes)
+    while steps.status == "running" and len(times) <= _STEPS:
+        try:
+            steps.step()
+        except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+            break
+        if not (np.abs(steps.y) <= _AWAY * sizes).all():
+            break
+        times.append(float(steps.t))
+        states.append(steps.y.copy())
+    return np.array(times), np.array(states)

@@ -1,0 +1,133 @@
+"""More of everything while nothing is certified and time is left: finer grids, motions as guesses,
+more iterations along a word.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cmp_to_key
+from itertools import islice
+from typing import final
+
+from socp.errors import SolveError
+from socp.methods import driven, solve_collocated
+from socp.model import Problem, Solution, Stop, Watch, silent
+from socp.process import left
+from socp.search.effort import Ration, Search, precedes
+from socp.search.refinement import refine
+from socp.solvers import Backend, Ipopt
+from socp.transcription import Mesh, euler, radau_iia, single_phase, uniform
+from socp.verdict import chattering, verify
+
+
+@final
+@dataclass(frozen=True)
+class Round:
+    """What one more round of a search may do.
+
+    finer: times the steps of the first grids; work: iterations times variables; words: tried;
+    iterations: along one word, of which a right one may take thousands where its laws carry
+    costates.
+    """
+
+    finer: int
+    work: float
+    words: int
+    iterations: int
+
+
+# each four times as fine as the one before and some ten times its work: time ends them, not these
+ROUNDS = (Round(4, 1e7, 120, 1000), Round(16, 1e8, 240, 5000))
+# Of the time allowed: what the search leaves for what concludes it, the best direct solution on
+# finer grids and the words of fewer switches of one that chatters
+_CONCLUDING = 0.2
+_STARTS = 3  # solutions in hand from which a round starts; others are worse
+_MOTIONS = 9  # two controls at three levels, one horizon: other horizons are the scouts' concern
+
+
+def searching(seconds: float) -> float:
+    """Return how much of the time allowed goes into the search."""
+    return (1.0 - _CONCLUDING) * seconds
+
+
+def escalated(
+    problem: Problem,
+    search: Search,
+    directs: list[Solution],
+    first: tuple[int, Backend],
+    watch: Watch = silent,
+) -> None:
+    """Go on with a search that has certified nothing, round by round, until it has, or its time is
+    over.
+
+    first: the steps of the first grids, and the solver of direct problems. What is solved joins the
+    direct solutions. Where the best word chatters, no number of words certifies one.
+    """
+    steps, backend = first
+    for number, more in enumerate(ROUNDS, 2):
+        if _done(problem, search) or left() <= 0.0:
+            break
+        patient = Ipopt({"tol": 1e-11, "max_iter": more.iterations})
+        search.begin(Ration(more.work, patient), more.words, more.finer * steps)
+        told = _staged(watch, f"round {number} of {len(ROUNDS) + 1}")
+        for start in _starts(problem, directs):
+            shown = _shown(problem, start, (_meshes(more.finer * steps), backend), told)
+            for direct in shown:
+                directs.append(direct)
+                refine(problem, direct, search, told)
+            if search.over:
+                break
+    search.late = left() <= 0.0
+
+
+def _done(problem: Problem, search: Search) -> bool:
+    """Tell whether nothing is to be gained: a word is certified or chatters, or the search was
+    interrupted.
+    """
+    best = search.best
+    return best is not None and (
+        bool(best.extremal)
+        or best.stop is Stop.INTERRUPTED
+        or bool(best.structure and chattering(problem, best))
+    )
+
+
+def _meshes(steps: int) -> tuple[Mesh, ...]:
+    return uniform(radau_iia(2), steps // 2), uniform(euler(), 2 * steps)
+
+
+def _starts(problem: Problem, directs: Sequence[Solution]) -> Iterator[Solution]:
+    """Yield the solutions in hand, the best ones first, then motions: grids may have jumped over
+    what these follow.
+    """
+    solved = [replace(each, verified=verify(problem, each)) for each in directs if each.stop.ok]
+    ordered = sorted(solved, key=cmp_to_key(_order))
+    yield from ordered[:_STARTS]
+    yield from islice(driven(problem, (ordered or directs)[0]), _MOTIONS)
+
+
+def _order(one: Solution, other: Solution) -> int:
+    return -1 if precedes(one, other) else 1
+
+
+def _shown(
+    problem: Problem, start: Solution, how: tuple[Sequence[Mesh], Backend], watch: Watch
+) -> Iterator[Solution]:
+    """Yield the direct solutions from a start, each mesh from the one before it."""
+    for mesh in how[0]:
+        if left() <= 0.0:
+            return
+        try:
+            direct = solve_collocated(single_phase(problem), [mesh], how[1], start, watch)
+        except SolveError:
+            continue
+        if direct.stop is Stop.INTERRUPTED:
+            raise KeyboardInterrupt
+        if direct.stop.ok:
+            start = direct
+            yield direct
+
+
+def _staged(watch: Watch, stage: str) -> Watch:
+    if watch is silent:
+        return silent
+    return lambda now: watch(replace(now, stage=f"{stage}, {now.stage}"))
