@@ -81,9 +81,11 @@ class Auto(Method):
         self, problem: Problem, guess: Solution, known: tuple[Search, list[Solution]], watch: Watch
     ) -> Solution:
         search, directs = known
-        with within(searching(self.seconds)):
-            met = scouts(problem, guess, self.starts, watch)
-            stopped = self._first(problem, [*met, guess], known, watch)
+        whole, first = searching(self.seconds)
+        with within(whole):
+            with within(first):
+                met = scouts(problem, guess, self.starts, watch)
+                stopped = self._first(problem, [*met, guess], known, watch)
             if stopped is not None:
                 return stopped
             escalated(problem, search, directs, (self.steps, self.backend), watch)

@@ -11,8 +11,8 @@ from typing import final
 from socp.errors import SolveError
 from socp.methods import driven, solve_collocated
 from socp.model import Problem, Solution, Stop, Watch, silent
-from socp.process import left
-from socp.search.effort import Ration, Search, precedes
+from socp.process import left, within
+from socp.search.effort import Ration, Search, off, precedes
 from socp.search.refinement import refine
 from socp.solvers import Backend, Ipopt
 from socp.transcription import Mesh, euler, radau_iia, single_phase, uniform
@@ -26,27 +26,33 @@ class Round:
 
     finer: times the steps of the first grids; work: iterations times variables; words: tried;
     iterations: along one word, of which a right one may take thousands where its laws carry
-    costates.
+    costates; share: of the time that is left.
     """
 
     finer: int
     work: float
     words: int
     iterations: int
+    share: float
 
 
 # each four times as fine as the one before and some ten times its work: time ends them, not these
-ROUNDS = (Round(4, 1e7, 120, 1000), Round(16, 1e8, 240, 5000))
+ROUNDS = (Round(4, 1e7, 120, 1000, 0.6), Round(16, 1e8, 240, 5000, 1.0))
 # Of the time allowed: what the search leaves for what concludes it, the best direct solution on
 # finer grids and the words of fewer switches of one that chatters
 _CONCLUDING = 0.2
+# Of the time allowed, at most: coarse grids may show none but wrong words, without end
+_FIRST = 0.25
 _STARTS = 3  # solutions in hand from which a round starts; others are worse
+# Relative: a grid whose control takes the states further from what it claims has not followed the
+# motion, and is no start
+_CLAIMED = 1e-2
 _MOTIONS = 9  # two controls at three levels, one horizon: other horizons are the scouts' concern
 
 
-def searching(seconds: float) -> float:
-    """Return how much of the time allowed goes into the search."""
-    return (1.0 - _CONCLUDING) * seconds
+def searching(seconds: float) -> tuple[float, float]:
+    """Return how much of the time allowed goes into the whole search, and into its first round."""
+    return (1.0 - _CONCLUDING) * seconds, _FIRST * seconds
 
 
 def escalated(
@@ -69,14 +75,24 @@ def escalated(
         patient = Ipopt({"tol": 1e-11, "max_iter": more.iterations})
         search.begin(Ration(more.work, patient), more.words, more.finer * steps)
         told = _staged(watch, f"round {number} of {len(ROUNDS) + 1}")
-        for start in _starts(problem, directs):
-            shown = _shown(problem, start, (_meshes(more.finer * steps), backend), told)
-            for direct in shown:
-                directs.append(direct)
-                refine(problem, direct, search, told)
-            if search.over:
-                break
+        with within(left() * more.share):
+            _round(problem, search, directs, (_meshes(more.finer * steps), backend), told)
     search.late = left() <= 0.0
+
+
+def _round(
+    problem: Problem,
+    search: Search,
+    directs: list[Solution],
+    how: tuple[Sequence[Mesh], Backend],
+    watch: Watch,
+) -> None:
+    for start in _starts(problem, list(directs)):
+        for direct in _shown(problem, start, how, watch):
+            directs.append(direct)
+            refine(problem, direct, search, watch)
+            if search.over:
+                return
 
 
 def _done(problem: Problem, search: Search) -> bool:
@@ -101,8 +117,12 @@ def _starts(problem: Problem, directs: Sequence[Solution]) -> Iterator[Solution]
     """
     solved = [replace(each, verified=verify(problem, each)) for each in directs if each.stop.ok]
     ordered = sorted(solved, key=cmp_to_key(_order))
-    yield from ordered[:_STARTS]
-    yield from islice(driven(problem, (ordered or directs)[0]), _MOTIONS)
+    motions = islice(driven(problem, (ordered or directs)[0]), _MOTIONS)
+    groups = [iter(ordered[:_STARTS]), motions]
+    if not ordered or not off(ordered[0]) <= _CLAIMED:
+        groups.reverse()
+    for group in groups:
+        yield from group
 
 
 def _order(one: Solution, other: Solution) -> int:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from socp.errors import SolveError
 from socp.methods import solve_collocated
 from socp.model import FEASIBLE, Problem, Solution, Stop, Watch, silent
+from socp.process import left
 from socp.search.effort import Ration, Search, clearly, off, precedes
 from socp.search.refinement import refine
 from socp.solvers import Ipopt
@@ -173,7 +174,10 @@ def _best(
         return (
             _verified(problem, min(directs, key=lambda each: each.objective)) if directs else None
         )
-    best = _first([_verified(problem, each) for each in worth])
+    worth.sort(key=lambda each: each.arcs[0].t.size)  # the finer, the longer it takes
+    best = _first(
+        [_verified(problem, each) for k, each in enumerate(worth) if k == 0 or left() > 0.0]
+    )
     finer = [_again(problem, best, mesh, watch) for mesh in _FINER]
     return _first(
         [best, *(_verified(problem, each) for each in finer if each is not None and each.stop.ok)]
