@@ -29,13 +29,15 @@ def scouts(problem: Problem, guess: Solution, starts: int, watch: Watch = silent
     first.
 
     At most `starts` guesses are tried, none for 0; it ends once the best extremal has been met
-    three times. Where fewer than half of them lead anywhere, motions with constant controls and
-    other horizons follow. An interrupted solve is returned alone.
+    three times. Where fewer than half of them lead anywhere, motions with constant controls follow,
+    and other horizons where none does. An interrupted solve is returned alone.
     """
     looked = _Scouting(problem, watch)
     whole = looked.all(islice(_guesses(problem, guess), starts), _BACKEND)
     if whole and 2 * looked.solved < looked.tried:
-        looked.all(chain(driven(problem, guess), stretched(problem, guess)), _PATIENT)
+        few = bool(looked.met)
+        others = stretched(problem, guess) if not few else iter(())
+        looked.all(chain(driven(problem, guess, own=few), others), _PATIENT)
     return [solution for solution, _ in looked.met]
 
 

@@ -10,8 +10,9 @@ from scipy.integrate import BDF
 from socp.methods.guess import guess_of
 from socp.model import Problem, Solution, parameters_of, scales, time
 
-_LEVELS = (0.0, 0.5, 1.0)  # of the box: the ends of what a control can do, and between
-_CORNERS = 2  # controls up to which every combination of levels is driven; of more, all at one
+# Of the box: the ends of what a control can do and between; growth and decay balance anywhere
+_LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0)
+_CORNERS = 2  # controls up to which every corner of the box is driven; of more, two of them
 # Horizons tried, over the estimate, where the final time is free: it is of the right order, but
 # swings and turns take several times as long as a straight way
 _HORIZONS = (1.0, 2.0, 4.0, 8.0, 0.5, 0.25, 0.125)
@@ -21,18 +22,19 @@ _AWAY = 1e3  # times the states' magnitudes: what goes further has escaped, and 
 _NODES = 201  # samples of a motion; growth over many e-foldings happens at the end
 
 
-def driven(problem: Problem, guess: Solution) -> Iterator[Solution]:
+def driven(problem: Problem, guess: Solution, *, own: bool = False) -> Iterator[Solution]:
     """Yield the motions from the start of a guess with constant controls, for one horizon after the
-    other.
+    other; own: for that of the guess alone.
 
-    They satisfy the dynamics, unlike straight lines, which stiff or growing motion is far from. The
-    states keep to their box where the motion would leave it, and stay where it escapes.
+    They satisfy the dynamics, unlike straight lines, which stiff or growing motion is far from.
+    Those that keep to the states' box go first; others are held in it, and stay where they escape.
     """
-    for factor in horizons(problem):
+    for factor in horizons(problem)[: 1 if own else None]:
         length = factor * (guess.final_time - guess.initial_time)
         last = float(np.clip(guess.initial_time + length, *problem.final_time_box))
         if last > guess.initial_time:
-            yield from (_driven(problem, guess, level, last) for level in _levels(problem))
+            made = [_driven(problem, guess, level, last) for level in _levels(problem)]
+            yield from (each for _, each in sorted(made, key=lambda pair: pair[0]))
 
 
 def stretched(problem: Problem, guess: Solution) -> Iterator[Solution]:
@@ -57,14 +59,19 @@ def horizons(problem: Problem) -> tuple[float, ...]:
 
 def _levels(problem: Problem) -> Iterator[np.ndarray]:
     low, high = problem.box
-    if low.size <= _CORNERS:
-        shares = [np.array(each) for each in product(_LEVELS, repeat=low.size)]
-    else:
-        shares = [np.full(low.size, each) for each in _LEVELS]
+    shares = [np.full(low.size, each) for each in _LEVELS]
+    if 1 < low.size <= _CORNERS:
+        corners = map(np.array, product((0.0, 1.0), repeat=low.size))
+        shares += [each for each in corners if np.ptp(each) > 0.0]
     yield from (low + share * (high - low) for share in shares)
 
 
-def _driven(problem: Problem, guess: Solution, u: np.ndarray, last: float) -> Solution:
+def _driven(
+    problem: Problem, guess: Solution, u: np.ndarray, last: float
+) -> tuple[float, Solution]:
+    """Return a motion held in the states' box, and how far it leaves that, relative to the states'
+    magnitudes.
+    """
     p = parameters_of(problem, guess)
     rate = casadi.Function("rate", [time, problem.x, problem.u, problem.p], [problem.rate])
     sizes, x0 = scales(problem, guess), guess.rows("x")[:, 0]
@@ -78,8 +85,11 @@ def _driven(problem: Problem, guess: Solution, u: np.ndarray, last: float) -> So
         times, states = _integrated(moved, (guess.initial_time, last), x0, sizes)
     for k in range(x0.size):
         x[k] = np.interp(t, times, states[:, k])
-    x = np.clip(x, *problem.state_box[:, :, None])
-    return guess_of(problem, t, x, np.repeat(u[:, None], _NODES, axis=1), dict(guess.parameters))
+    inside = np.clip(x, *problem.state_box[:, :, None])
+    beyond = float((np.abs(x - inside) / sizes[:, None]).max())
+    return beyond, guess_of(
+        problem, t, inside, np.repeat(u[:, None], _NODES, axis=1), dict(guess.parameters)
+    )
 
 
 def _integrated(

@@ -47,7 +47,7 @@ _STARTS = 3  # solutions in hand from which a round starts; others are worse
 # Relative: a grid whose control takes the states further from what it claims has not followed the
 # motion, and is no start
 _CLAIMED = 1e-2
-_MOTIONS = 9  # two controls at three levels, one horizon: other horizons are the scouts' concern
+_MOTIONS = 3  # those that keep best to the box; other horizons are the scouts' concern
 
 
 def searching(seconds: float) -> tuple[float, float]:
@@ -117,7 +117,7 @@ def _starts(problem: Problem, directs: Sequence[Solution]) -> Iterator[Solution]
     """
     solved = [replace(each, verified=verify(problem, each)) for each in directs if each.stop.ok]
     ordered = sorted(solved, key=cmp_to_key(_order))
-    motions = islice(driven(problem, (ordered or directs)[0]), _MOTIONS)
+    motions = islice(driven(problem, (ordered or directs)[0], own=True), _MOTIONS)
     groups = [iter(ordered[:_STARTS]), motions]
     if not ordered or not off(ordered[0]) <= _CLAIMED:
         groups.reverse()
