@@ -48,7 +48,12 @@ def concluded(
         return best if known is None else replace(best, message=f"{best.message}; {_worse(known)}")
     solved = [each for each in directs if each.stop.ok]
     certain = next(
-        (each for each in (judge(problem, one) for one in solved[:2]) if each.extremal), None
+        (
+            each
+            for each in (judge(problem, one) for one in solved[:2] if left() > 0.0)
+            if each.extremal
+        ),
+        None,
     )
     if certain is not None:  # of the best start
         return certain
