@@ -29,53 +29,45 @@ def scouts(problem: Problem, guess: Solution, starts: int, watch: Watch = silent
     first.
 
     At most `starts` guesses are tried, none for 0; it ends once the best extremal has been met
-    three times. Where fewer than half of them lead anywhere, motions with constant controls follow,
-    and other horizons where none does. An interrupted solve is returned alone.
+    three times. An interrupted solve is returned alone.
     """
-    looked = _Scouting(problem, watch)
-    whole = looked.all(islice(_guesses(problem, guess), starts), _BACKEND)
-    if whole and 2 * looked.solved < looked.tried:
-        few = bool(looked.met)
-        others = stretched(problem, guess) if not few else iter(())
-        looked.all(chain(driven(problem, guess, own=few), others), _PATIENT)
-    return [solution for solution, _ in looked.met]
+    return _Scouting(problem, watch).all(islice(_guesses(problem, guess), starts), _BACKEND)
+
+
+def recovered(problem: Problem, guess: Solution, watch: Watch = silent) -> list[Solution]:
+    """Return what `scouts` does, from motions with constant controls and from other horizons: for
+    where scattered guesses lead nowhere.
+    """
+    starts = chain(driven(problem, guess), stretched(problem, guess))
+    return _Scouting(problem, watch).all(starts, _PATIENT)
 
 
 @final
 class _Scouting:
-    """Coarse solves from guesses: how many were tried and solved, and the extremals met with how
-    often each was, best first.
-    """
+    """Coarse solves from guesses, on one programme; it ends with the time allowed."""
 
     def __init__(self, problem: Problem, watch: Watch) -> None:
         self.reduced = collocate(single_phase(problem), [uniform(radau_iia(2), _STEPS)])
         self.watch = lifted(watch, self.reduced)
-        self.tried, self.solved = 0, 0
-        self.met: list[tuple[Solution, int]] = []
 
-    def all(self, guesses: Iterator[Solution], backend: Ipopt) -> bool:
-        """Solve from guesses until the best extremal has been met often enough.
-
-        False where a solve is interrupted; that one alone is kept then.
-        """
+    def all(self, guesses: Iterator[Solution], backend: Ipopt) -> list[Solution]:
+        """Return the extremals met, best first, or an interrupted solve alone."""
+        met: list[tuple[Solution, int]] = []
         for start in guesses:
             if left() <= 0.0:
                 break
-            self.tried += 1
             try:
                 point = backend(self.reduced.problem, self.reduced.push(start), self.watch)
                 found = self.reduced.lift(point)
             except SolveError:
                 continue
             if found.stop is Stop.INTERRUPTED:
-                self.met = [(found, 1)]
-                return False
+                return [found]
             if found.stop.ok:
-                self.solved += 1
-                self.met = counted(self.met, found)
-            if self.met and self.met[0][1] >= _MET:
+                met = counted(met, found)
+            if met and met[0][1] >= _MET:
                 break
-        return True
+        return [solution for solution, _ in met]
 
 
 def _guesses(problem: Problem, guess: Solution) -> Iterator[Solution]:

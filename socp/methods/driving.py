@@ -80,11 +80,8 @@ def _driven(
         return np.array(rate(t, x, u, p).full()).ravel()
 
     t = np.linspace(guess.initial_time, last, _NODES)
-    x = np.repeat(x0[:, None], _NODES, axis=1)
     with np.errstate(all="ignore"):  # towards a pole
-        times, states = _integrated(moved, (guess.initial_time, last), x0, sizes)
-    for k in range(x0.size):
-        x[k] = np.interp(t, times, states[:, k])
+        x = _integrated(moved, t, x0, sizes)
     inside = np.clip(x, *problem.state_box[:, :, None])
     beyond = float((np.abs(x - inside) / sizes[:, None]).max())
     return beyond, guess_of(
@@ -94,22 +91,25 @@ def _driven(
 
 def _integrated(
     moved: Callable[[float, np.ndarray], np.ndarray],
-    span: tuple[float, float],
+    t: np.ndarray,
     x0: np.ndarray,
     sizes: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return times (n,) and states (n, nx) along a motion, up to where it escapes or is cut."""
-    times, states = [span[0]], [x0]
-    if not np.isfinite(moved(span[0], x0)).all():
-        return np.array(times), np.array(states)
-    steps = BDF(moved, span[0], x0, span[1], rtol=_RTOL, atol=_RTOL * _RTOL * sizes)
-    while steps.status == "running" and len(times) <= _STEPS:
+) -> np.ndarray:
+    """Return the states (nx, n) of a motion at times (n,); where it escapes or is cut it stays."""
+    x = np.repeat(x0[:, None], t.size, axis=1)
+    if not np.isfinite(moved(t[0], x0)).all():
+        return x
+    steps = BDF(moved, t[0], x0, t[-1], rtol=_RTOL, atol=_RTOL * _RTOL * sizes)
+    for _ in range(_STEPS):
         try:
             steps.step()
         except (ArithmeticError, ValueError, np.linalg.LinAlgError):
             break
-        if not (np.abs(steps.y) <= _AWAY * sizes).all():
+        if steps.status == "failed" or not (np.abs(steps.y) <= _AWAY * sizes).all():
             break
-        times.append(float(steps.t))
-        states.append(steps.y.copy())
-    return np.array(times), np.array(states)
+        new = (t > steps.t_old) & (t <= steps.t)
+        x[:, new] = steps.dense_output()(t[new])
+        x[:, t > steps.t] = steps.y[:, None]
+        if steps.status == "finished":
+            break
+    return x

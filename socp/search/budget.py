@@ -9,7 +9,7 @@ from itertools import islice
 from typing import final
 
 from socp.errors import SolveError
-from socp.methods import driven, solve_collocated
+from socp.methods import driven, recovered, solve_collocated
 from socp.model import Problem, Solution, Stop, Watch, silent
 from socp.process import left, within
 from socp.search.effort import Ration, Search, off, precedes
@@ -59,16 +59,20 @@ def escalated(
     problem: Problem,
     search: Search,
     directs: list[Solution],
-    first: tuple[int, Backend],
+    first: tuple[Solution, int, Backend],
     watch: Watch = silent,
 ) -> None:
     """Go on with a search that has certified nothing, round by round, until it has, or its time is
     over.
 
-    first: the steps of the first grids, and the solver of direct problems. What is solved joins the
-    direct solutions. Where the best word chatters, no number of words certifies one.
+    first: the guess and the steps of the first grids, and the solver of direct problems. What is
+    solved joins the direct solutions. Where the best word chatters, no number of words certifies one.
     """
-    steps, backend = first
+    guess, steps, backend = first
+    if not any(each.stop.ok for each in directs):
+        directs += recovered(problem, guess, _staged(watch, "motions"))
+        if directs and directs[-1].stop is Stop.INTERRUPTED:
+            raise KeyboardInterrupt
     for number, more in enumerate(ROUNDS, 2):
         if _done(problem, search) or left() <= 0.0:
             break

@@ -7,7 +7,7 @@ import pytest
 from casadi import sin
 
 from socp import Problem, Solution, controls, default_guess, final_time, run, states
-from socp.methods import driven, scouts
+from socp.methods import driven, recovered, scouts
 from socp.methods.driving import horizons, stretched
 from socp.model import Progress, Stop
 from socp.process import left, within
@@ -29,8 +29,8 @@ GROWTH = Problem(
 PENDULUM = Problem(
     name="pendulum",
     minimise=final_time,
-    dynamics={x: v, v: u - sin(x)},
-    bounds={u: (-0.3, 0.3)},
+    dynamics={x: v, v: u - 9.81 * sin(x)},
+    bounds={u: (-2, 2)},
     start={x: 0, v: 0},
     end={x: float(np.pi), v: 0},
 )
@@ -99,13 +99,19 @@ def test_horizons_are_tried_where_the_final_time_is_free() -> None:
     assert list(stretched(GROWTH, default_guess(GROWTH))) == []
 
 
+def test_a_horizon_far_from_its_estimate_is_met() -> None:
+    """The pendulum needs five swings where the straight way is one; a coarse grid is 5 % off."""
+    met = recovered(PENDULUM, default_guess(PENDULUM))
+    assert met[0].final_time == pytest.approx(5.70060832624, rel=0.06)
+
+
 # -- rounds
 
 
 def test_nothing_more_is_tried_without_time_and_it_is_said() -> None:
     search, hand = Search(), [default_guess(GROWTH)]
     with within(0.0):
-        escalated(GROWTH, search, hand, (100, Ipopt()))
+        escalated(GROWTH, search, hand, (hand[0], 100, Ipopt()))
     assert search.late
     assert search.grids == []
     assert len(hand) == 1
