@@ -54,7 +54,7 @@ class Auto(Method):
         6, "most switches of the best word where the control chatters; 0: any number", least=0
     )
     seconds: float = option(
-        60.0, "seconds allowed in all; used up before the search gives up", least=1.0
+        60.0, "seconds allowed in all; used up before the search gives up", least=1
     )
     backend: Backend = option(_DIRECT, "solver of the first direct solves")
 

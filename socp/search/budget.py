@@ -66,7 +66,8 @@ def escalated(
     over.
 
     first: the guess and the steps of the first grids, and the solver of direct problems. What is
-    solved joins the direct solutions. Where the best word chatters, no number of words certifies one.
+    solved joins the direct solutions. Where the best word chatters, no number of words certifies
+    one.
     """
     guess, steps, backend = first
     if not any(each.stop.ok for each in directs):
