@@ -88,7 +88,13 @@ class Auto(Method):
                 stopped = self._first(problem, [*met, guess], known, watch)
             if stopped is not None:
                 return stopped
-            escalated(problem, search, directs, (guess, self.steps, self.backend), watch)
+            escalated(
+                problem,
+                search,
+                directs,
+                (guess if self.starts else None, self.steps, self.backend),
+                watch,
+            )
         hand = [*directs, *met]
         pursued(problem, search, hand, watch)
         return limited(problem, concluded(problem, search, hand, watch), self.max_switches, watch)

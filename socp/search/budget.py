@@ -59,23 +59,23 @@ def escalated(
     problem: Problem,
     search: Search,
     directs: list[Solution],
-    first: tuple[Solution, int, Backend],
+    first: tuple[Solution | None, int, Backend],
     watch: Watch = silent,
 ) -> None:
     """Go on with a search that has certified nothing, round by round, until it has, or its time is
     over.
 
-    first: the guess and the steps of the first grids, and the solver of direct problems. What is
-    solved joins the direct solutions. Where the best word chatters, no number of words certifies
-    one.
+    first: the guess, None where no other is to be tried, the steps of the first grids, and the
+    solver of direct problems. What is solved joins the direct solutions; where none ever is, there
+    are no words to read. Where the best word chatters, no number of words certifies one.
     """
     guess, steps, backend = first
-    if not any(each.stop.ok for each in directs):
+    if guess is not None and not any(each.stop.ok for each in directs):
         directs += recovered(problem, guess, _staged(watch, "motions"))
         if directs and directs[-1].stop is Stop.INTERRUPTED:
             raise KeyboardInterrupt
     for number, more in enumerate(ROUNDS, 2):
-        if _done(problem, search) or left() <= 0.0:
+        if _done(problem, search) or left() <= 0.0 or not any(each.stop.ok for each in directs):
             break
         patient = Ipopt({"tol": 1e-11, "max_iter": more.iterations})
         search.begin(Ration(more.work, patient), more.words, more.finer * steps)
