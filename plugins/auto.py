@@ -3,6 +3,7 @@ certifies it.
 """
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, final
 
@@ -21,7 +22,18 @@ from socp import (
 )
 from socp.methods import scouts
 from socp.model import Stop
-from socp.search import Ration, Search, along_words, concluded, pursued, refine, trusted
+from socp.process import within
+from socp.search import (
+    Ration,
+    Search,
+    along_words,
+    concluded,
+    escalated,
+    pursued,
+    refine,
+    searching,
+    trusted,
+)
 from socp.solvers import default_backend
 from socp.study import limited
 from socp.transcription import euler, radau_iia
@@ -49,6 +61,9 @@ class Auto(Method):
     max_switches: int = option(
         6, "most switches of the best word where the control chatters; 0: any number", least=0
     )
+    seconds: float = option(
+        60.0, "seconds allowed in all; used up before the search gives up", least=1
+    )
     backend: Backend = option(default_backend(), "solver of the nonlinear programmes")
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
@@ -57,9 +72,10 @@ class Auto(Method):
         """
         began, search, directs = time.perf_counter(), self._search(), list[Solution]()
         try:
-            found = self._searched(problem, guess, (search, directs), watch)
-            if found.extremal:
-                found = trusted(problem, found, self.digits, search.backend, watch)
+            with within(self.seconds):
+                found = self._searched(problem, guess, (search, directs), watch)
+                if found.extremal:
+                    found = trusted(problem, found, self.digits, search.backend, watch)
         except KeyboardInterrupt:  # between two solves; inside one the backend stops by itself
             known = search.best or (directs[-1] if directs else None)
             if known is None:
@@ -73,10 +89,37 @@ class Auto(Method):
         self, problem: Problem, guess: Solution, known: tuple[Search, list[Solution]], watch: Watch
     ) -> Solution:
         search, directs = known
+        whole, first = searching(self.seconds)
+        with within(whole):
+            with within(first):
+                met = scouts(problem, guess, self.starts, watch, self.backend)
+                stopped = self._first(problem, [*met, guess], known, watch)
+            if stopped is not None:
+                return stopped
+            other = guess if self.starts else None
+            escalated(problem, search, directs, (other, self.steps, self.backend), watch)
+        hand = [*directs, *met]
+        pursued(problem, search, hand, watch)
+        found = concluded(problem, search, hand, watch)
+        return limited(problem, found, self.max_switches, watch, self.backend)
+
+    def _search(self) -> Search:
+        return Search(backend=Ration(backend=along_words(self.backend)))
+
+    def _first(
+        self,
+        problem: Problem,
+        starts: Sequence[Solution],
+        known: tuple[Search, list[Solution]],
+        watch: Watch,
+    ) -> Solution | None:
+        """Refine from one start after another; returns what there is where a solve is
+        interrupted.
+        """
+        search, directs = known
         backend = self.backend.limited(_ITERATIONS)
         meshes = uniform(radau_iia(2), self.steps // 2), uniform(euler(), 2 * self.steps)
-        met = scouts(problem, guess, self.starts, watch, self.backend)
-        for start in (*met, guess):
+        for start in starts:
             if start.stop is Stop.INTERRUPTED:
                 return start
             shown: list[Solution] = []
@@ -94,13 +137,7 @@ class Auto(Method):
                 refine(problem, direct, search, watch, late=True)
             if search.over:
                 break
-        hand = [*directs, *met]
-        pursued(problem, search, hand, watch)
-        found = concluded(problem, search, hand, watch)
-        return limited(problem, found, self.max_switches, watch, self.backend)
-
-    def _search(self) -> Search:
-        return Search(backend=Ration(backend=along_words(self.backend)))
+        return None
 
 
 @hookimpl

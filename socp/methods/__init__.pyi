@@ -10,7 +10,9 @@ from .contract import option as option
 from .contract import options as options
 from .contract import required as required
 from .contract import solve_collocated as solve_collocated
+from .direct import recovered as recovered
 from .direct import scouts as scouts
+from .driving import driven as driven
 from .guess import arranged as arranged
 from .guess import default_guess as default_guess
 from .guess import guess_of as guess_of

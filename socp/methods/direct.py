@@ -3,17 +3,22 @@ which one is best.
 """
 
 from collections.abc import Iterator
-from itertools import islice
+from itertools import chain, islice
+from typing import final
 
 from socp.errors import SolveError
 from socp.methods.contract import lifted
+from socp.methods.driving import driven, stretched
 from socp.methods.guess import scattered
 from socp.model import Problem, Solution, Stop, Watch, silent
+from socp.process import left
 from socp.solvers import Backend, default_backend
 from socp.transcription import collocate, radau_iia, single_phase, uniform
 
 _STEPS = 20  # intervals: the extremals of a problem differ by more than these are off
 _TOLERANCE, _ITERATIONS = 1e-6, 150  # to tell extremals apart takes no digits
+# From a motion it takes some hundred: the starts before it have led nowhere
+_PATIENT = 500
 # Relative: objectives of one extremal from different starts differ by rounding; of two, clearly
 _ALIKE = 1e-3
 _MET = 3  # starts that end in the best extremal known before it is believed to be the best
@@ -32,23 +37,48 @@ def scouts(
     At most `starts` guesses are tried, none for 0; it ends once the best extremal has been met
     three times. An interrupted solve is returned alone.
     """
+    starting = islice(_guesses(problem, guess), starts)
     rough = (backend or default_backend()).within(_TOLERANCE).limited(_ITERATIONS)
-    reduced = collocate(single_phase(problem), [uniform(radau_iia(2), _STEPS)])
-    met: list[tuple[Solution, int]] = []
-    for start in islice(_guesses(problem, guess), starts):
-        try:
-            found = reduced.lift(
-                rough(reduced.problem, reduced.push(start), lifted(watch, reduced))
-            )
-        except SolveError:
-            continue
-        if found.stop is Stop.INTERRUPTED:
-            return [found]
-        if found.stop.ok:
-            met = counted(met, found)
-        if met and met[0][1] >= _MET:
-            break
-    return [solution for solution, _ in met]
+    return _Scouting(problem, watch).all(starting, rough)
+
+
+def recovered(
+    problem: Problem, guess: Solution, watch: Watch = silent, backend: Backend | None = None
+) -> list[Solution]:
+    """Return what `scouts` does, from motions with constant controls and from other horizons: for
+    where scattered guesses lead nowhere.
+    """
+    starts = chain(driven(problem, guess), stretched(problem, guess))
+    patient = (backend or default_backend()).within(_TOLERANCE).limited(_PATIENT)
+    return _Scouting(problem, watch).all(starts, patient)
+
+
+@final
+class _Scouting:
+    """Coarse solves from guesses, on one programme; it ends with the time allowed."""
+
+    def __init__(self, problem: Problem, watch: Watch) -> None:
+        self.reduced = collocate(single_phase(problem), [uniform(radau_iia(2), _STEPS)])
+        self.watch = lifted(watch, self.reduced)
+
+    def all(self, guesses: Iterator[Solution], backend: Backend) -> list[Solution]:
+        """Return the extremals met, best first, or an interrupted solve alone."""
+        met: list[tuple[Solution, int]] = []
+        for start in guesses:
+            if left() <= 0.0:
+                break
+            try:
+                point = backend(self.reduced.problem, self.reduced.push(start), self.watch)
+                found = self.reduced.lift(point)
+            except SolveError:
+                continue
+            if found.stop is Stop.INTERRUPTED:
+                return [found]
+            if found.stop.ok:
+                met = counted(met, found)
+            if met and met[0][1] >= _MET:
+                break
+        return [solution for solution, _ in met]
 
 
 def _guesses(problem: Problem, guess: Solution) -> Iterator[Solution]:

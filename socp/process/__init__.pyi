@@ -1,3 +1,5 @@
+from .deadline import left as left
+from .deadline import within as within
 from .files import read_text as read_text
 from .interruption import breakable as breakable
 from .interruption import give_way as give_way

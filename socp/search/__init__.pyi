@@ -2,6 +2,8 @@ from .attempt import Coarse as Coarse
 from .bounded import BoundedSearch as BoundedSearch
 from .branching import Branching as Branching
 from .branching import Child as Child
+from .budget import escalated as escalated
+from .budget import searching as searching
 from .candidate import Candidate as Candidate
 from .candidate import merged as merged
 from .candidate import without as without

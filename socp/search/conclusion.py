@@ -9,6 +9,7 @@ from typing import final
 from socp.errors import SolveError
 from socp.methods import solve_collocated
 from socp.model import FEASIBLE, Problem, Solution, Stop, Watch, silent
+from socp.process import left
 from socp.search.effort import Ration, Search, clearly, off, precedes
 from socp.search.refinement import refine
 from socp.solvers import Backend, default_backend
@@ -47,7 +48,12 @@ def concluded(
         return best if known is None else replace(best, message=f"{best.message}; {_worse(known)}")
     solved = [each for each in directs if each.stop.ok]
     certain = next(
-        (each for each in (judge(problem, one) for one in solved[:2]) if each.extremal), None
+        (
+            each
+            for each in (judge(problem, one) for one in solved[:2] if left() > 0.0)
+            if each.extremal
+        ),
+        None,
     )
     if certain is not None:  # of the best start
         return certain
@@ -135,9 +141,16 @@ def pursued(
 
 def explained(problem: Problem, search: Search) -> str:
     """Say in a sentence or two what a search without a certified word has left open."""
-    tried = f"no word of the {search.count} tried is certified" + (
-        ", and the work allowed for the search is done" if search.spent else ""
-    )
+    cut = [each for each in search.nodes if each.stop == Stop.LIMIT.name]
+    tried = f"no word of the {search.count - len(cut)} tried is certified"
+    if cut:
+        tried += f", {len({each.word for each in cut})} more cut off before they converged"
+    if search.late:
+        tried += ", and the time allowed is over: the option seconds allows more"
+    elif search.spent:
+        tried += ", and the work allowed for the search is done"
+    if len(search.grids) > 1:
+        tried += f"; grids of up to {max(search.grids)} steps"
     best = search.best
     if best is None or best.verdict is None:
         return tried
@@ -169,7 +182,10 @@ def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -
         return (
             _verified(problem, min(directs, key=lambda each: each.objective)) if directs else None
         )
-    best = _first([_verified(problem, each) for each in worth])
+    worth.sort(key=lambda each: each.arcs[0].t.size)  # the finer, the longer it takes
+    best = _first(
+        [_verified(problem, each) for k, each in enumerate(worth) if k == 0 or left() > 0.0]
+    )
     found = [finer(best, mesh) for mesh in _FINER]
     return _first(
         [best, *(_verified(problem, each) for each in found if each is not None and each.stop.ok)]

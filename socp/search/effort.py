@@ -4,10 +4,12 @@ from dataclasses import dataclass, field, replace
 from typing import final
 
 from socp.model import EXTREMAL, FEASIBLE, Node, Solution, Stop, Watch, silent, telling
+from socp.process import left
 from socp.solvers import NLP, Backend, NLPPoint, default_backend
 
-_WORDS = 80  # words tried from all direct solutions together
-_WORK = 1e6  # iterations times variables in all: some ten seconds, and the same words at any speed
+_WORDS = 80  # words tried in the first round
+# Iterations times variables in the first round: some ten seconds, and the same words at any speed
+_WORK = 1e6
 _SETUP = 10  # iterations that building a programme is worth
 _ALIKE = 1e-3  # relative: objectives of one solution on two grids differ by as much
 # Times how far a re-integration is off: what that may be worth in the objective, relative as well
@@ -16,9 +18,9 @@ _TOLERANCE = 1e-11  # along words: what is certified should not be off by the so
 _ITERATIONS = 300  # a right word takes tens; a wrong one should not take thousands
 
 
-def along_words(backend: Backend | None = None) -> Backend:
+def along_words(backend: Backend | None = None, iterations: int = _ITERATIONS) -> Backend:
     """Return a backend, or the default one, as it solves along the words of a search."""
-    return (backend or default_backend()).within(_TOLERANCE).limited(_ITERATIONS)
+    return (backend or default_backend()).within(_TOLERANCE).limited(iterations)
 
 
 @final
@@ -49,7 +51,8 @@ class Search:
     """What a search over words has tried so far: its words that were solved, their number, and the
     best solution.
 
-    `refine` goes on with it from one direct solution to the next.
+    `refine` goes on with it from one direct solution to the next. `grids`: steps of the grids of
+    all rounds; `late`: whether the time allowed ended it.
     """
 
     solved: set[str] = field(default_factory=set)
@@ -59,6 +62,17 @@ class Search:
     nodes: list[Node] = field(default_factory=list)
     rounded: bool = False
     other: Solution | None = None
+    words: int = _WORDS
+    grids: list[int] = field(default_factory=list)
+    late: bool = False
+
+    def begin(self, backend: Ration, words: int, steps: int) -> None:
+        """Begin another round: with so much more work and so many more words, on grids of so many
+        steps.
+        """
+        self.backend, self.words = backend, self.count + words
+        self.solved, self.rounded = set(), False
+        self.grids.append(steps)
 
     def keep(self, solution: Solution) -> None:
         """Keep a judged word if it is the best; `other` remains the best of those that are not
@@ -87,8 +101,8 @@ class Search:
 
     @property
     def spent(self) -> bool:
-        """Whether the work or the number of words allowed is done."""
-        return self.backend.left <= 0 or self.count >= _WORDS
+        """Whether the time, the work or the number of words allowed is done."""
+        return self.backend.left <= 0 or self.count >= self.words or left() <= 0.0
 
 
 def node(word: str, solution: Solution | None) -> Node:

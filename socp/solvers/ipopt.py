@@ -2,6 +2,7 @@
 Ctrl-C.
 """
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -12,7 +13,7 @@ import numpy as np
 
 from socp.errors import SolveError
 from socp.model import Stop, Watch, silent
-from socp.process import requesting
+from socp.process import left, requesting
 from socp.solvers import documented, overdetermined
 from socp.solvers.backends.observer import Observer, arguments, last_line, unusable
 from socp.solvers.contract import NLP, NLPPoint
@@ -41,6 +42,7 @@ _STOPS = {
     "Maximum_WallTime_Exceeded": Stop.LIMIT,
     "User_Requested_Stop": Stop.INTERRUPTED,
 }
+_INSTANT = 1e-3  # seconds
 _TRACED = {
     "obj": "objective",
     "inf_pr": "inf_pr",
@@ -97,6 +99,8 @@ class Ipopt:
         equations, unknowns = overdetermined.counted(nlp)
         if equations > unknowns:
             return overdetermined.met(nlp, guess, int(self._settings()["max_iter"]))
+        if left() <= 0.0:
+            return replace(guess, stop=Stop.LIMIT, message="the time allowed is over")
         observer = Observer(self.name, nlp, watch)
         try:
             with requesting(
@@ -130,6 +134,9 @@ class Ipopt:
 def _solver(nlp: NLP, observer: Observer, options: Mapping[str, Any]) -> casadi.Function:
     settings = {"print_time": False, "show_eval_warnings": False, "iteration_callback": observer}
     settings |= {f"ipopt.{name}": value for name, value in options.items()}
+    if math.isfinite(rest := left()):  # of the caller's time; Ipopt takes no 0
+        wall = min(rest, float(options.get("max_wall_time", math.inf)))
+        settings["ipopt.max_wall_time"] = max(wall, _INSTANT)
     try:
         return casadi.nlpsol("ipopt", "ipopt", {"x": nlp.v, "f": nlp.f, "g": nlp.g}, settings)
     except RuntimeError as error:

@@ -21,7 +21,7 @@ from socp.model import (
     silent,
     telling,
 )
-from socp.process import breakable
+from socp.process import breakable, left
 from socp.search import (
     Candidate,
     all_words,
@@ -146,7 +146,7 @@ class _Trials:
         those before.
         """
         count = len(given.arcs) - 1
-        over = self.interrupted or self.words >= max(_MOST, _ALL)
+        over = self.interrupted or left() <= 0.0 or self.words >= max(_MOST, _ALL)
         if over or not 0 <= count <= self.most or given.key in self.tried:
             return False
         self.tried.add(given.key)

@@ -41,6 +41,7 @@ class Asked:
     options: tuple[str, ...]
     digits: int | None
     max_switches: int | None
+    seconds: float | None
     guess: str | None
     out: str | None
     record: str | None
@@ -51,7 +52,11 @@ class Asked:
 
     def shortened(self) -> list[tuple[str, str]]:
         """Return the options of the method that have a name of their own on the command line."""
-        given = {"digits": self.digits, "max_switches": self.max_switches}
+        given = {
+            "digits": self.digits,
+            "max_switches": self.max_switches,
+            "seconds": self.seconds,
+        }
         return [(name, str(value)) for name, value in given.items() if value is not None]
 
 
@@ -76,6 +81,12 @@ class Asked:
     type=int,
     metavar="N",
     help="The same as -o max_switches=N: where a control chatters.",
+)
+@click.option(
+    "--seconds",
+    type=float,
+    metavar="S",
+    help="The same as -o seconds=S: the time that a search may take.",
 )
 @click.option("--guess", metavar="FILE", help="Start from a saved result.")
 @click.option("--out", metavar="FILE", help="Result file.  [default: PROBLEM.socp.json]")

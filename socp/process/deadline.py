@@ -1,0 +1,25 @@
+"""The time that a piece of work may take: said once, where it begins, and kept by every solve that
+it calls.
+"""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+_UNTIL: ContextVar[float] = ContextVar("until", default=float("inf"))
+
+
+@contextmanager
+def within(seconds: float) -> Iterator[None]:
+    """Allow what runs inside so many seconds, and never more than what is allowed around it."""
+    token = _UNTIL.set(min(_UNTIL.get(), time.monotonic() + seconds))
+    try:
+        yield
+    finally:
+        _UNTIL.reset(token)
+
+
+def left() -> float:
+    """Return the seconds that are left, at least 0; infinite where no time is set."""
+    return max(_UNTIL.get() - time.monotonic(), 0.0)

@@ -1,0 +1,160 @@
+"""More of everything while nothing is certified and time is left: finer grids, motions as guesses,
+more iterations along a word.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cmp_to_key
+from itertools import islice
+from typing import final
+
+from socp.errors import SolveError
+from socp.methods import driven, recovered, solve_collocated
+from socp.model import Problem, Solution, Stop, Watch, silent
+from socp.process import left, within
+from socp.search.effort import Ration, Search, along_words, off, precedes
+from socp.search.refinement import refine
+from socp.solvers import Backend
+from socp.transcription import Mesh, euler, radau_iia, single_phase, uniform
+from socp.verdict import chattering, verify
+
+
+@final
+@dataclass(frozen=True)
+class Round:
+    """What one more round of a search may do.
+
+    finer: times the steps of the first grids; work: iterations times variables; words: tried;
+    iterations: along one word, of which a right one may take thousands where its laws carry
+    costates; share: of the time that is left.
+    """
+
+    finer: int
+    work: float
+    words: int
+    iterations: int
+    share: float
+
+
+# each four times as fine as the one before and some ten times its work: time ends them, not these
+ROUNDS = (Round(4, 1e7, 120, 1000, 0.6), Round(16, 1e8, 240, 5000, 1.0))
+# Of the time allowed: what the search leaves for what concludes it, the best direct solution on
+# finer grids and the words of fewer switches of one that chatters
+_CONCLUDING = 0.2
+# Of the time allowed, at most: coarse grids may show none but wrong words, without end
+_FIRST = 0.25
+_STARTS = 3  # solutions in hand from which a round starts; others are worse
+# Relative: a grid whose control takes the states further from what it claims has not followed the
+# motion, and is no start
+_CLAIMED = 1e-2
+_ITERATIONS = 500  # what a direct solve has not reached by then it hardly ever reaches
+_MOTIONS = 3  # those that keep best to the box; other horizons are the scouts' concern
+
+
+def searching(seconds: float) -> tuple[float, float]:
+    """Return how much of the time allowed goes into the whole search, and into its first round."""
+    return (1.0 - _CONCLUDING) * seconds, _FIRST * seconds
+
+
+def escalated(
+    problem: Problem,
+    search: Search,
+    directs: list[Solution],
+    first: tuple[Solution | None, int, Backend],
+    watch: Watch = silent,
+) -> None:
+    """Go on with a search that has certified nothing, round by round, until it has, or its time is
+    over.
+
+    first: the guess, None where no other is to be tried, the steps of the first grids, and the
+    solver of direct problems. What is solved joins the direct solutions; where none ever is, there
+    are no words to read. Where the best word chatters, no number of words certifies one.
+    """
+    guess, steps, backend = first
+    if guess is not None and not any(each.stop.ok for each in directs):
+        directs += recovered(problem, guess, _staged(watch, "motions"), backend)
+        if directs and directs[-1].stop is Stop.INTERRUPTED:
+            raise KeyboardInterrupt
+    for number, more in enumerate(ROUNDS, 2):
+        if _done(problem, search) or left() <= 0.0 or not any(each.stop.ok for each in directs):
+            break
+        patient = along_words(backend, more.iterations)
+        search.begin(Ration(more.work, patient), more.words, more.finer * steps)
+        told = _staged(watch, f"round {number} of {len(ROUNDS) + 1}")
+        with within(left() * more.share):
+            how = _meshes(more.finer * steps), backend.limited(_ITERATIONS)
+            _round(problem, search, directs, how, told)
+    search.late = left() <= 0.0
+
+
+def _round(
+    problem: Problem,
+    search: Search,
+    directs: list[Solution],
+    how: tuple[Sequence[Mesh], Backend],
+    watch: Watch,
+) -> None:
+    for start in _starts(problem, list(directs)):
+        for direct in _shown(problem, start, how, watch):
+            directs.append(direct)
+            refine(problem, direct, search, watch)
+            if search.over:
+                return
+
+
+def _done(problem: Problem, search: Search) -> bool:
+    """Tell whether nothing is to be gained: a word is certified or chatters, or the search was
+    interrupted.
+    """
+    best = search.best
+    return best is not None and (
+        bool(best.extremal)
+        or best.stop is Stop.INTERRUPTED
+        or bool(best.structure and chattering(problem, best))
+    )
+
+
+def _meshes(steps: int) -> tuple[Mesh, ...]:
+    return uniform(radau_iia(2), steps // 2), uniform(euler(), 2 * steps)
+
+
+def _starts(problem: Problem, directs: Sequence[Solution]) -> Iterator[Solution]:
+    """Yield the solutions in hand, the best ones first, then motions: grids may have jumped over
+    what these follow.
+    """
+    solved = [replace(each, verified=verify(problem, each)) for each in directs if each.stop.ok]
+    ordered = sorted(solved, key=cmp_to_key(_order))
+    motions = islice(driven(problem, (ordered or directs)[0], own=True), _MOTIONS)
+    groups = [iter(ordered[:_STARTS]), motions]
+    if not ordered or not off(ordered[0]) <= _CLAIMED:
+        groups.reverse()
+    for group in groups:
+        yield from group
+
+
+def _order(one: Solution, other: Solution) -> int:
+    return -1 if precedes(one, other) else 1
+
+
+def _shown(
+    problem: Problem, start: Solution, how: tuple[Sequence[Mesh], Backend], watch: Watch
+) -> Iterator[Solution]:
+    """Yield the direct solutions from a start, each mesh from the one before it."""
+    for mesh in how[0]:
+        if left() <= 0.0:
+            return
+        try:
+            direct = solve_collocated(single_phase(problem), [mesh], how[1], start, watch)
+        except SolveError:
+            continue
+        if direct.stop is Stop.INTERRUPTED:
+            raise KeyboardInterrupt
+        if direct.stop.ok:
+            start = direct
+            yield direct
+
+
+def _staged(watch: Watch, stage: str) -> Watch:
+    if watch is silent:
+        return silent
+    return lambda now: watch(replace(now, stage=f"{stage}, {now.stage}"))

@@ -1,0 +1,138 @@
+"""Problems that nobody has tuned anything to: motions and horizons as guesses, rounds, and a search
+that ends in its time.
+"""
+
+import numpy as np
+import pytest
+from casadi import sin
+
+from socp import Problem, Solution, controls, default_guess, final_time, run, states
+from socp.methods import driven, recovered, scouts
+from socp.methods.driving import horizons, stretched
+from socp.model import Progress, Stop
+from socp.process import left, within
+from socp.registry import Registry
+from socp.search import Search, escalated
+from socp.solvers import Ipopt
+
+x, v, i, s = states("x v i s")
+u = controls("u")
+
+GROWTH = Problem(
+    name="growth",
+    running=u,
+    dynamics={i: 0.2 * i * (1 - i) - u * i},
+    bounds={u: (0, 0.8), i: (None, 0.02)},
+    start={i: 1e-5},
+    final_time=200,
+)
+PENDULUM = Problem(
+    name="pendulum",
+    minimise=final_time,
+    dynamics={x: v, v: u - 9.81 * sin(x)},
+    bounds={u: (-2, 2)},
+    start={x: 0, v: 0},
+    end={x: float(np.pi), v: 0},
+)
+ESCAPE = Problem(
+    name="escape",
+    minimise=-x,
+    dynamics={x: x**2 + u},
+    bounds={u: (0, 1)},
+    start={x: 1},
+    final_time=5,
+)
+
+
+def auto(problem: Problem, watch=None, **options) -> Solution:  # noqa: ANN001, ANN003
+    method = Registry.load().method("auto")(**options)
+    guess = default_guess(problem)
+    return run(method, problem, guess) if watch is None else run(method, problem, guess, watch)
+
+
+# -- time
+
+
+def test_time_is_kept_inside_time() -> None:
+    assert left() == float("inf")
+    with within(100.0):
+        assert 99.0 < left() <= 100.0
+        with within(1000.0):
+            assert left() <= 100.0
+        with within(0.0):
+            assert left() == 0.0
+        assert left() > 99.0
+    assert left() == float("inf")
+
+
+def test_a_solve_ends_in_the_time_around_it() -> None:
+    with within(0.0):
+        assert scouts(GROWTH, default_guess(GROWTH), 12) == []
+        found = auto(GROWTH)
+    assert found.stop is Stop.LIMIT
+    assert "time allowed" in found.message
+
+
+# -- guesses
+
+
+def test_motions_follow_the_dynamics_and_those_in_the_box_go_first() -> None:
+    made = list(driven(GROWTH, default_guess(GROWTH)))
+    assert [each.rows("u")[0, 0] for each in made] == pytest.approx([0.2, 0.4, 0.6, 0.8, 0.0])
+    decayed = np.exp(-0.2 * made[1].t)  # u = 0.4: i' = -0.2 i - 0.2 i^2
+    exact = 1e-5 * decayed / (1 + 1e-5 * (1 - decayed))
+    assert made[1].rows("x")[0] == pytest.approx(exact, rel=1e-3, abs=1e-9)
+    assert made[-1].rows("x").max() == 0.02  # u = 0 leaves the box, and is held in it
+
+
+def test_a_motion_that_escapes_is_a_finite_guess() -> None:
+    for made in driven(ESCAPE, default_guess(ESCAPE)):
+        assert np.isfinite(made.rows("x")).all()
+        assert made.final_time == 5.0
+
+
+def test_horizons_are_tried_where_the_final_time_is_free() -> None:
+    guess = default_guess(PENDULUM)
+    spans = [each.final_time / guess.final_time for each in stretched(PENDULUM, guess)]
+    assert sorted(spans) == pytest.approx([0.125, 0.25, 0.5, 2.0, 4.0, 8.0])
+    assert horizons(GROWTH) == (1.0,)
+    assert list(stretched(GROWTH, default_guess(GROWTH))) == []
+
+
+def test_a_horizon_far_from_its_estimate_is_met() -> None:
+    """The pendulum needs five swings where the straight way is one; a coarse grid is 5 % off."""
+    met = recovered(PENDULUM, default_guess(PENDULUM))
+    assert met[0].final_time == pytest.approx(5.70060832624, rel=0.06)
+
+
+# -- rounds
+
+
+def test_nothing_more_is_tried_without_time_and_it_is_said() -> None:
+    search, hand = Search(), [default_guess(GROWTH)]
+    with within(0.0):
+        escalated(GROWTH, search, hand, (hand[0], 100, Ipopt()))
+    assert search.late
+    assert search.grids == []
+    assert len(hand) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("problem", "objective", "word"),
+    [(GROWTH, 31.7313267365, "u: - b[i.upper]")],
+    ids=["growth"],
+)
+def test_an_unseen_problem_is_certified(problem: Problem, objective: float, word: str) -> None:
+    """Its straight lines lead nowhere; the value is that of the word, solved by itself."""
+    told = set[str]()
+
+    def watch(now: Progress, /) -> bool:
+        told.add(now.stage.partition(",")[0])
+        return False
+
+    found = auto(problem, watch)
+    assert found.extremal
+    assert found.objective == pytest.approx(objective, rel=1e-10)
+    assert str(found.word) == word
+    assert "round 2 of 3" in told
