@@ -1,8 +1,10 @@
 """What a solve came to: an answer or none, and which."""
 
 from enum import Enum
+from typing import TYPE_CHECKING
 
-from socp.model import Solution
+if TYPE_CHECKING:
+    from socp.model import Solution
 
 
 class Outcome(Enum):
@@ -24,7 +26,7 @@ class Outcome(Enum):
         return self in {Outcome.EXTREMAL, Outcome.FEASIBLE}
 
 
-def outcome_of(solution: Solution) -> Outcome | None:
+def outcome_of(solution: "Solution") -> Outcome | None:
     """Return what a solve came to, by the judge's re-integration first and the solver's own word
     second; None where nobody judged it.
     """
@@ -42,7 +44,7 @@ def outcome_of(solution: Solution) -> Outcome | None:
     return Outcome.FEASIBLE if verdict.feasible else Outcome.MISSED
 
 
-def infeasible(solution: Solution) -> bool:
+def infeasible(solution: "Solution") -> bool:
     """Tell whether a solution was judged and does not satisfy its conditions: its objective and
     word mean nothing.
     """

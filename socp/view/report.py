@@ -8,11 +8,14 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 from socp.errors import MethodError
-from socp.model import EXTREMAL, FEASIBLE, Feasibility, Problem, Solution, Verdict, Word, digits_of
+from socp.model import EXTREMAL, FEASIBLE
 from socp.view.outcomes import Outcome, infeasible, outcome_of
+
+if TYPE_CHECKING:  # `socp --help` loads this module, and casadi is not worth it there
+    from socp.model import Feasibility, Problem, Solution, Verdict
 
 MANY = 8  # more switching times of one control than this are counted, not listed
 _TOLD = 4  # reasons told in the report of a solution; that of its verdict tells them all
@@ -47,8 +50,8 @@ class Row:
 
 
 def solution_rows(
-    problem: Problem | None,
-    solution: Solution,
+    problem: "Problem | None",
+    solution: "Solution",
     unjudged: Outcome | None = None,
     path: str = "",
 ) -> list[Row]:
@@ -72,7 +75,7 @@ def solution_rows(
     return [row for row in rows if row.lines]
 
 
-def verdict_rows(verdict: Verdict) -> list[Row]:
+def verdict_rows(verdict: "Verdict") -> list[Row]:
     """Return all that is said of a verdict but for its conditions, which are a table of their
     own.
     """
@@ -93,7 +96,7 @@ def verdict_rows(verdict: Verdict) -> list[Row]:
     return [row for row in rows if row.lines]
 
 
-def conditions(verdict: Verdict) -> list[tuple[str, str, str]]:
+def conditions(verdict: "Verdict") -> list[tuple[str, str, str]]:
     """Return the conditions of the principle as a table: heads, then a condition a row; none where
     the verdict has none.
     """
@@ -108,7 +111,7 @@ def conditions(verdict: Verdict) -> list[tuple[str, str, str]]:
     return [("condition", f"residual, at most {EXTREMAL:.0e}", "where"), *rows] if rows else []
 
 
-def judgement(verdict: Verdict | None) -> str:
+def judgement(verdict: "Verdict | None") -> str:
     """Return a verdict in a word or two."""
     if verdict is None:
         return "not judged"
@@ -117,7 +120,7 @@ def judgement(verdict: Verdict | None) -> str:
     return "extremal" if verdict.extremal else "feasible, not extremal"
 
 
-def switching(solution: Solution) -> dict[str, list[float]]:
+def switching(solution: "Solution") -> dict[str, list[float]]:
     """Return the switching times of every control by name."""
     return {name: [end for _, _, end in row[:-1]] for name, row in solution.structure.items()}
 
@@ -146,7 +149,7 @@ def within(error: float) -> str:
     return f"within {error:.1e}" if math.isfinite(error) else "not determined"
 
 
-def to_reference(problem: Problem, solution: Solution) -> dict[str, Any] | None:
+def to_reference(problem: "Problem", solution: "Solution") -> dict[str, Any] | None:
     """Return the errors to the reference of a problem, None where it has none.
 
     The error of the switching times is the largest, None where there are more or fewer than in the
@@ -167,13 +170,15 @@ def to_reference(problem: Problem, solution: Solution) -> dict[str, Any] | None:
     }
 
 
-def agreed(solution: Solution) -> list[str]:
+def agreed(solution: "Solution") -> list[str]:
     """Return the digits on which two computations of a solution agree, nothing where there was one
     alone.
 
     No digit is counted, and no switching time said to be known, beyond what the errors of the
     verdict leave.
     """
+    from socp.model import digits_of
+
     found, verdict = solution.agreement, solution.verdict
     if found is None:
         return []
@@ -204,7 +209,7 @@ def _line(text: str, tone: Tone = Tone.PLAIN) -> Line:
     return ((text, tone),)
 
 
-def _method(solution: Solution) -> Row:
+def _method(solution: "Solution") -> Row:
     given = ", ".join(f"{key}={value}" for key, value in solution.options.items() if value != "")
     return _row("method", [f"{solution.method} ({given})" if given else solution.method])
 
@@ -215,7 +220,7 @@ def _came_to(outcome: Outcome | None) -> Row:
     return Row("outcome", (_line(outcome.value, Tone.GOOD if outcome.answer else Tone.BAD),))
 
 
-def _point(problem: Problem | None, solution: Solution) -> Iterator[Row]:
+def _point(problem: "Problem | None", solution: "Solution") -> Iterator[Row]:
     """Yield what a solution is: its objective, times and word."""
     start = _initial_time(solution)
     yield _row("objective", _objective(solution))
@@ -230,7 +235,7 @@ def _point(problem: Problem | None, solution: Solution) -> Iterator[Row]:
     yield _row("switches", (f"{name}: {times(each)}" for name, each in switching(solution).items()))
 
 
-def _objective(solution: Solution) -> tuple[str, ...]:
+def _objective(solution: "Solution") -> tuple[str, ...]:
     """Return the objective, what the control reaches too where it differs; that of an infeasible
     point is none.
     """
@@ -241,13 +246,13 @@ def _objective(solution: Solution) -> tuple[str, ...]:
     return (none, solution.headline[0]) if len(solution.headline) > 1 else (none,)
 
 
-def _initial_time(solution: Solution) -> float:
+def _initial_time(solution: "Solution") -> float:
     """Return the initial time, 0 where it is rounding."""
     t0, horizon = solution.initial_time, abs(solution.final_time - solution.initial_time)
     return 0.0 if abs(t0) <= _NOTHING * horizon else t0
 
 
-def _final_time(problem: Problem | None, solution: Solution) -> str:
+def _final_time(problem: "Problem | None", solution: "Solution") -> str:
     """Return the final time; one that is fixed is that of the problem, whatever was reached."""
     reached = solution.final_time
     if not infeasible(solution):
@@ -268,12 +273,12 @@ def _modes(row: Iterable[tuple[str, float, float]]) -> str:
     return " ".join(modes)
 
 
-def _stop(solution: Solution) -> Row:
+def _stop(solution: "Solution") -> Row:
     stop = _line(solution.stop.value, Tone.GOOD if solution.stop.ok else Tone.BAD)
     return Row("stop", (stop, _line(solution.message)) if solution.message else (stop,))
 
 
-def _reintegrated(found: Feasibility) -> Line:
+def _reintegrated(found: "Feasibility") -> Line:
     """Return what one re-integration found; every figure is relative to the problem's own
     magnitudes.
     """
@@ -293,7 +298,7 @@ def _reintegrated(found: Feasibility) -> Line:
     return _line(f"{how}: {', '.join(parts)}")
 
 
-def _judged(verdict: Verdict, told: int) -> Iterator[Line]:
+def _judged(verdict: "Verdict", told: int) -> Iterator[Line]:
     """Yield a verdict in a few lines, with so many of its reasons."""
     margin = f"re-integration off by {verdict.miss:.1e} (allowed {FEASIBLE:.0e})"
     yield _answer(verdict.feasible, "feasible", margin)
@@ -319,8 +324,10 @@ def _answer(holds: bool, what: str, margin: str) -> Line:
     return (answer, (f": {margin}", Tone.PLAIN))
 
 
-def _same_word(problem: Problem, solution: Solution) -> bool | None:
+def _same_word(problem: "Problem", solution: "Solution") -> bool | None:
     """Tell whether a solution has the word of the reference, None where that has no word."""
+    from socp.model import Word
+
     if problem.reference is None or not problem.reference.word:
         return None
     try:

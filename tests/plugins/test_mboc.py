@@ -116,7 +116,7 @@ def test_what_a_mixed_integer_solver_returns_is_cleaned_and_judged(
         )
         return replace(found, message="said so")
 
-    monkeypatch.setattr("socp.search.minlp", fake)
+    monkeypatch.setattr("socp.search.integer.minlp.minlp", fake)
     solution = solved(registry, problem, solver="bonmin", switches="3", points=9, time=5.0)
     right(problem, solution)
     assert asked == [("bonmin", 3, 9, 5.0)]
@@ -131,7 +131,7 @@ def test_a_mixed_integer_solver_that_fails_is_reported_as_it_says(
     failed = replace(
         scouts(problem, default_guess(problem), 1)[0], stop=Stop.FAILED, message="it died"
     )
-    monkeypatch.setattr("socp.search.minlp", lambda *_: failed)
+    monkeypatch.setattr("socp.search.integer.minlp.minlp", lambda *_: failed)
     solution = solved(registry, problem, solver="scip")
     assert solution.stop is Stop.FAILED
     assert solution.message == "it died"
