@@ -1,5 +1,10 @@
 """What the tests share."""
 
+import os
+
+# Before numpy is loaded: two workers on two cores, each with threads of its own, hinder each other
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from collections.abc import Callable
 from pathlib import Path
 
