@@ -204,7 +204,7 @@ def test_a_solve_is_streamed_to_the_viewer_and_to_the_file_at_once(
         "-m",
         "trapezoidal",
         "-o",
-        "steps=20",
+        "steps=40",
         "--quiet",
         "--out",
         str(tmp_path / "result.json"),
