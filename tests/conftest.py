@@ -9,13 +9,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from socp.registry.plugins import Registry
 
-settings.register_profile(
-    "socp", deadline=None
-)  # how long an example takes depends on what else is running
+# how long an example takes, or is drawn, depends on what else is running
+settings.register_profile("socp", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("socp")
 
 Install = Callable[..., None]
