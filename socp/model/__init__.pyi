@@ -1,8 +1,6 @@
 from .advice import raised as raised
 from .arc import Arc as Arc
-from .arc import barycentric as barycentric
 from .arc import joined as joined
-from .arc import lagrange as lagrange
 from .checks import useful as useful
 from .data.consistency import follow as follow
 from .data.files import write_atomic as write_atomic
@@ -42,6 +40,12 @@ from .graph import traced as traced
 from .graph import walked as walked
 from .parts import Constraint as Constraint
 from .parts import Reference as Reference
+from .polynomials import barycentric as barycentric
+from .polynomials import differentiation as differentiation
+from .polynomials import lagrange as lagrange
+from .polynomials import legendre as legendre
+from .polynomials import legendre_coefficients as legendre_coefficients
+from .polynomials import merged as merged
 from .problem import Problem as Problem
 from .progress import Progress as Progress
 from .progress import Watch as Watch

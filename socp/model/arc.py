@@ -1,4 +1,4 @@
-"""Arcs: values at nodes in time, and the polynomials through them."""
+"""Arcs: values at nodes in time, and what they are in between."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -6,7 +6,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from socp.model.tolerances import ROUNDED
+from socp.model.polynomials import lagrange
 from socp.model.word import Mode, Modes
 
 Which = Literal["x", "u", "costate"]
@@ -100,41 +100,3 @@ def joined(arcs: Sequence[Arc]) -> Arc:
         modes=arcs[0].modes,
         multipliers={name: row([arc.multipliers[name] for arc in arcs]) for name in names},
     )
-
-
-def lagrange(nodes: np.ndarray, values: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Evaluate the polynomial through (nodes (p,), values (r, p)) at t (k,), barycentrically;
-    returns (r, k).
-    """
-    span = float(np.ptp(nodes))
-    if nodes.size == 1 or span == 0.0:
-        return np.repeat(values[:, :1], t.size, axis=1)
-    weights = barycentric(nodes)
-    if weights is None:
-        return np.array([np.interp(t, nodes, row) for row in values])
-    distance = t[:, None] - nodes[None, :]
-    hit = (
-        np.abs(distance) <= ROUNDED * span
-    )  # as near as this the quotient overflows, and the value is the node's
-    distance[hit] = 1.0
-    terms = weights / distance
-    total = terms.sum(axis=1, keepdims=True)
-    total[hit.any(axis=1)] = 1.0  # at a node the sum means nothing, and may be zero
-    with np.errstate(invalid="ignore"):  # an infinite value is nan but at its own node
-        result: np.ndarray = ((terms @ values.T) / total).T
-    where, node = np.nonzero(hit)
-    result[:, where] = values[:, node]
-    return result
-
-
-def barycentric(nodes: np.ndarray) -> np.ndarray | None:
-    """Return the barycentric weights of nodes (p,), None where an interval is so short that
-    rounding merges them.
-    """
-    if nodes.size < 2 or np.diff(nodes).min() <= ROUNDED * np.abs(nodes).max():
-        return None
-    # an interval of length 4 has capacity 1: products stay near 1
-    gaps = 4.0 * (nodes[:, None] - nodes[None, :]) / np.ptp(nodes)
-    np.fill_diagonal(gaps, 1.0)
-    weights: np.ndarray = 1.0 / gaps.prod(axis=1)
-    return weights

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self, final
 import numpy as np
 
 from socp.errors import SolveError
-from socp.model.arc import Arc, Which, lagrange
+from socp.model.arc import Arc, Which
 from socp.model.data import files as results
 from socp.model.data.files import SCHEMA, write_atomic
 from socp.model.data.views import view
@@ -32,7 +32,6 @@ __all__ = [
     "Solution",
     "Stop",
     "Which",
-    "lagrange",
     "write_atomic",
 ]
 

@@ -9,7 +9,16 @@ from casadi import Function
 
 from socp import laws
 from socp.errors import MethodError
-from socp.model import SAME_TIME, Arc, Mode, Problem, Solution, along, parameters_of
+from socp.model import (
+    SAME_TIME,
+    Arc,
+    Mode,
+    Problem,
+    Solution,
+    along,
+    legendre_coefficients,
+    parameters_of,
+)
 from socp.search.candidate import Candidate, insert, merged
 from socp.verdict import structure_of
 
@@ -96,9 +105,8 @@ def _mean(problem: Problem, given: Candidate, arc: Arc, what: tuple[int, int, Fu
     x, t = arc.x[:, nodes], arc.t[nodes]
     off = arc.u[i, nodes] - along(law, x, t, parameters_of(problem, given.source))[0][i]
     ends = arc.t[arc.mesh[k : k + 2]]
-    tau = (2.0 * t - ends.sum()) / np.ptp(ends)
     # the mean of the polynomial through the nodes: the first of its Legendre coefficients
-    return float(np.linalg.solve(np.polynomial.legendre.legvander(tau, t.size - 1), off)[0])
+    return float(legendre_coefficients(t, off, (ends[0], ends[1]))[0])
 
 
 def candidate(

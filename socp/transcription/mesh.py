@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from socp.errors import MethodError
-from socp.model import Arc
+from socp.model import Arc, legendre_coefficients, merged
 from socp.transcription.schemes import Scheme, Side, lgr
 
 Mesh = Sequence[tuple[float, Scheme]]  # intervals of one phase: (share of its length, scheme)
@@ -119,17 +119,16 @@ def tails(arc: Arc, scale: np.ndarray) -> np.ndarray:
     """Return the last two Legendre coefficients of every interval's states (k,), relative to scale
     (nx,).
     """
-    found = []
+    sizes = []
     for k in range(len(arc.mesh) - 1):
         nodes = arc.nodes(k)
         t, x = arc.t[nodes], arc.x[:, nodes]
-        if _merged(t):
-            found.append(0.0)
+        if merged(t):
+            sizes.append(0.0)
             continue
-        tau = 2.0 * (t - t[0]) / (t[-1] - t[0]) - 1.0
-        coefficients = np.linalg.solve(np.polynomial.legendre.legvander(tau, t.size - 1), x.T)
-        found.append(float(np.max(np.abs(coefficients[-2:]) / scale)))
-    return np.array(found)
+        last = legendre_coefficients(t, x.T, (t[0], t[-1]))[-2:]
+        sizes.append(float(np.max(np.abs(last) / scale)))
+    return np.array(sizes)
 
 
 def refined(
@@ -142,7 +141,7 @@ def refined(
     grown = False
     for arc in arcs:
         ends = arc.t[arc.mesh]
-        shares = np.full(ends.size - 1, 1.0) if _merged(ends) else np.diff(ends)
+        shares = np.full(ends.size - 1, 1.0) if merged(ends) else np.diff(ends)
         # the error of an interval falls with its length to the power of its degree
         tail = tails(arc, scale)
         parts = np.ceil(
@@ -160,10 +159,3 @@ def refined(
             ]
         )
     return meshes if grown else None
-
-
-def _merged(t: np.ndarray) -> bool:
-    """Tell whether an arc has shrunk until rounding merges its times t (n,), or turns their
-    order.
-    """
-    return bool(np.diff(t).min() <= 4 * np.spacing(np.abs(t).max()))

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import roots_jacobi
 
 from socp.errors import MethodError
-from socp.model import TINY
+from socp.model import differentiation, legendre
 
 Side = Literal["left", "right", "both"]
 
@@ -113,47 +113,14 @@ def radau(points: int) -> tuple[np.ndarray, np.ndarray]:
     for _ in range(2):  # Newton takes the last digits
         value, slope = _radau_polynomial(points, tau[1:])
         tau[1:] -= value / slope
-    weights = (1.0 - tau) / (points * _legendre(points, tau)[points - 1]) ** 2
+    weights = (1.0 - tau) / (points * legendre(points, tau)[points - 1]) ** 2
     weights[0] = np.longdouble(2.0) / points**2
     return tau.astype(float), weights.astype(float)
 
 
-def differentiation(nodes: np.ndarray) -> np.ndarray:
-    """Return D (p, p), D_ij = l_j'(nodes_i), by barycentric weights (Berrut, Trefethen, SIAM Review
-    46, 2004, 9.3).
-    """
-    weights = barycentric(nodes)
-    gaps = nodes[:, None] - nodes[None, :]
-    np.fill_diagonal(gaps, 1.0)
-    D: np.ndarray = (weights[None, :] / weights[:, None]) / gaps
-    np.fill_diagonal(D, 0.0)
-    np.fill_diagonal(D, -D.sum(axis=1))  # rows of a differentiation matrix sum to zero
-    return D
-
-
-def barycentric(nodes: np.ndarray) -> np.ndarray:
-    """Return the barycentric weights (p,) of nodes (p,), scaled so that 60 nodes neither over- nor
-    underflow.
-    """
-    gaps = 2.0 * (nodes[:, None] - nodes[None, :]) / max(float(np.ptp(nodes)), TINY)
-    np.fill_diagonal(gaps, 1.0)
-    raw = 1.0 / gaps.prod(axis=1)
-    weights: np.ndarray = raw / np.abs(raw).max()
-    return weights
-
-
-def _legendre(degree: int, tau: np.ndarray) -> np.ndarray:
-    """Return P_0 .. P_degree at tau, (degree + 1, n), by the three-term recurrence."""
-    P = np.ones((max(degree, 1) + 1, tau.size), dtype=tau.dtype)
-    P[1] = tau
-    for k in range(1, degree):
-        P[k + 1] = ((2 * k + 1) * tau * P[k] - k * P[k - 1]) / (k + 1)
-    return P
-
-
 def _radau_polynomial(points: int, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return P_{n-1} + P_n and its derivative at tau inside (-1, 1)."""
-    P = _legendre(points, tau)
+    P = legendre(points, tau)
     derivative = [
         n * (P[n - 1] - tau * P[n]) / (1.0 - tau**2) if n else 0.0 * tau
         for n in (points - 1, points)

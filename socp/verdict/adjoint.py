@@ -17,6 +17,7 @@ from socp.model import (
     condition_function,
     condition_slopes,
     end_values,
+    lagrange,
     mayer_slopes,
     scales,
 )
@@ -114,13 +115,7 @@ def _extrapolation() -> np.ndarray:
     """Return the weights (d,) that extend a polynomial from the collocated nodes to the end of an
     interval.
     """
-    nodes = lgr(POINTS).nodes
-    return np.array(
-        [
-            np.prod((1.0 - np.delete(nodes[:-1], j)) / (nodes[j] - np.delete(nodes[:-1], j)))
-            for j in range(POINTS)
-        ]
-    )
+    return lagrange(lgr(POINTS).nodes[:-1], np.eye(POINTS), np.array([1.0]))[:, 0]
 
 
 @final

@@ -19,6 +19,7 @@ from socp.model import (
     Solution,
     along,
     column,
+    legendre_coefficients,
     once,
     parameters_of,
     time,
@@ -178,8 +179,9 @@ def _rough(samples: Samples, solution: Solution) -> np.ndarray:
     """
     half = 0.5 * np.diff(samples.edges)
     fx = samples.values["fx"].reshape(samples.intervals, samples.width, -1) * half[:, None, None]
-    legendre = np.linalg.inv(np.polynomial.legendre.legvander(lgr(POINTS).nodes, POINTS))
-    tail = np.abs(np.einsum("kj,ijm->ikm", legendre[-2:], fx)).max(axis=(1, 2))
+    by_node = np.moveaxis(fx, 1, 0)
+    last = legendre_coefficients(lgr(POINTS).nodes, by_node, (-1.0, 1.0))[-2:]
+    tail = np.abs(last).max(axis=(0, 2))
     lawful = np.array([solution.arcs[k].lawful for k in samples.arc[:: samples.width]])
     rough = lawful & (tail > _SMOOTH)
     return np.array((0.5 * (samples.edges[1:] + samples.edges[:-1]))[rough])

@@ -29,6 +29,7 @@ from socp.model import (
     end_values,
     lagrange,
     mayer_function,
+    merged,
     once,
     parameters_of,
     running_function,
@@ -223,10 +224,9 @@ def _hold(constant: np.ndarray) -> Control:
 
 
 def _polynomial(times: np.ndarray, values: np.ndarray) -> Control:
-    weights = barycentric(times)
-    if weights is None:
+    if times.size == 1 or merged(times):
         return lambda t, _x: lagrange(times, values, np.array([t]))[:, 0]
-    near = ROUNDED * np.ptp(times)
+    weights, near = barycentric(times), ROUNDED * np.ptp(times)
 
     def control(t: float, _x: np.ndarray) -> np.ndarray:
         distance = t - times

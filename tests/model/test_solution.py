@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from socp_problems.auv import problem as auv
 
 from socp.errors import SolveError
-from socp.model.arc import Arc, lagrange
+from socp.model.arc import Arc
 from socp.model.findings import Feasibility
 from socp.model.solution import Solution, Stop
 from socp.transcription.collocation import collocate
@@ -65,15 +65,6 @@ def test_evaluation_is_exact_for_the_polynomials_a_scheme_holds(scheme: Any) -> 
     t = np.linspace(1, 2.5, 97)
     np.testing.assert_allclose(solution.at(t), [t**degree], rtol=1e-13)
     np.testing.assert_allclose(solution.at(t, "u"), [1 + t], rtol=1e-13)
-
-
-@given(st.integers(1, 40), st.floats(1e-6, 1e6), st.floats(-1e3, 1e3), st.integers(0, 2**32 - 1))
-def test_the_nodes_themselves_are_met_to_the_bit(
-    points: int, span: float, start: float, seed: int
-) -> None:
-    nodes = start + span * (lgr(points).nodes + 1) / 2
-    values = np.random.default_rng(seed).normal(size=(2, points + 1))
-    np.testing.assert_array_equal(lagrange(nodes, values, nodes), values)
 
 
 def test_values_are_right_continuous_at_switches_and_clipped_at_the_ends() -> None:

@@ -10,8 +10,6 @@ import pytest
 from socp.errors import MethodError
 from socp.transcription.schemes import (
     Scheme,
-    barycentric,
-    differentiation,
     euler,
     hermite_simpson,
     lgr,
@@ -130,37 +128,6 @@ def test_the_weights_are_what_the_defects_integrate(scheme: Scheme) -> None:
     c = np.linalg.lstsq(scheme.A.T, difference, rcond=None)[0]
     np.testing.assert_allclose(scheme.A.T @ c, difference, atol=1e-12)
     np.testing.assert_allclose(scheme.B.T @ c, scheme.weights, atol=1e-13)
-
-
-@pytest.mark.parametrize("points", POINTS)
-def test_differentiation_is_exact_for_every_polynomial_it_can_hold(points: int) -> None:
-    nodes = np.append(radau(points)[0], 1.0)
-    D = differentiation(nodes)
-    for degree in range(points + 1):
-        coefficients = np.eye(points + 1)[degree]
-        slope = np.polynomial.legendre.legval(nodes, np.polynomial.legendre.legder(coefficients))
-        x = np.polynomial.legendre.legval(nodes, coefficients)
-        np.testing.assert_allclose(D @ x, slope, atol=3e-15 * np.abs(D).max() * nodes.size)
-
-
-@pytest.mark.parametrize("points", [2, 5, 20, 60])
-def test_differentiation_against_40_digits(points: int) -> None:
-    nodes = np.append(radau(points)[0], 1.0)
-    D = differentiation(nodes)
-    with mpmath.workdps(40):
-        exact = [mpmath.mpf(node) for node in nodes]
-        weights = [1 / mpmath.fprod(a - b for b in exact if b != a) for a in exact]
-        i, j = points // 2, 0  # an entry between the middle and an end, where cancellation is worst
-        value = weights[j] / weights[i] / (exact[i] - exact[j])
-    assert D[i, j] == pytest.approx(float(value), rel=1e-13)
-
-
-def test_barycentric_weights_neither_overflow_nor_vanish() -> None:
-    weights = barycentric(np.append(radau(60)[0], 1.0))
-    assert np.isfinite(weights).all()
-    assert np.abs(weights).max() == 1.0
-    assert np.abs(weights).min() > 1e-6
-    assert (np.sign(weights[1:]) == -np.sign(weights[:-1])).all()
 
 
 def test_radau_iia_with_one_point_is_implicit_euler() -> None:

@@ -1,0 +1,95 @@
+"""Polynomials through values at nodes: barycentric weights, evaluation, slopes, and Legendre
+coefficients.
+
+Everything is as for Lagrange interpolation in Berrut, Trefethen, Barycentric Lagrange
+Interpolation, SIAM Review 46, 2004; nodes are in any unit, in increasing order, no two the same.
+"""
+
+import numpy as np
+
+from socp.model.tolerances import ROUNDED
+
+
+def merged(nodes: np.ndarray) -> bool:
+    """Tell whether nodes (p,) stand so close that rounding merges two of them, or turns their
+    order.
+    """
+    return bool(np.diff(nodes).min(initial=np.inf) <= ROUNDED * np.abs(nodes).max())
+
+
+def barycentric(nodes: np.ndarray) -> np.ndarray:
+    """Return the barycentric weights (p,) of nodes (p,), p >= 2, up to a factor that is common to
+    all.
+    """
+    # an interval of length 4 has capacity 1: products of 60 gaps neither over- nor underflow
+    gaps = 4.0 * (nodes[:, None] - nodes[None, :]) / np.ptp(nodes)
+    np.fill_diagonal(gaps, 1.0)
+    weights: np.ndarray = 1.0 / gaps.prod(axis=1)
+    return weights
+
+
+def lagrange(nodes: np.ndarray, values: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Evaluate the polynomial through (nodes (p,), values (r, p)) at t (k,); returns (r, k).
+
+    Where rounding merges nodes it is straight lines from one to the next.
+    """
+    span = float(np.ptp(nodes))
+    if nodes.size == 1 or span == 0.0:
+        return np.repeat(values[:, :1], t.size, axis=1)
+    if merged(nodes):
+        return np.array([np.interp(t, nodes, row) for row in values])
+    weights = barycentric(nodes)
+    distance = t[:, None] - nodes[None, :]
+    hit = (
+        np.abs(distance) <= ROUNDED * span
+    )  # as near as this the quotient overflows, and the value is the node's
+    distance[hit] = 1.0
+    terms = weights / distance
+    total = terms.sum(axis=1, keepdims=True)
+    total[hit.any(axis=1)] = 1.0  # at a node the sum means nothing, and may be zero
+    with np.errstate(invalid="ignore"):  # an infinite value is nan but at its own node
+        result: np.ndarray = ((terms @ values.T) / total).T
+    where, node = np.nonzero(hit)
+    result[:, where] = values[:, node]
+    return result
+
+
+def differentiation(nodes: np.ndarray) -> np.ndarray:
+    """Return D (p, p), D_ij = l_j'(nodes_i), of the Lagrange polynomials l_j (Berrut, Trefethen,
+    9.3).
+    """
+    weights = barycentric(nodes)
+    gaps = nodes[:, None] - nodes[None, :]
+    np.fill_diagonal(gaps, 1.0)
+    D: np.ndarray = (weights[None, :] / weights[:, None]) / gaps
+    np.fill_diagonal(D, 0.0)
+    np.fill_diagonal(D, -D.sum(axis=1))  # rows of a differentiation matrix sum to zero
+    return D
+
+
+def legendre(degree: int, tau: np.ndarray) -> np.ndarray:
+    """Return P_0 .. P_degree at tau in [-1, 1] (n,), as (degree + 1, n), in the precision of tau.
+
+    By the three-term recurrence (k + 1) P_{k+1} = (2 k + 1) tau P_k - k P_{k-1}.
+    """
+    P = np.ones((max(degree, 1) + 1, tau.size), dtype=tau.dtype)
+    P[1] = tau
+    for k in range(1, degree):
+        P[k + 1] = ((2 * k + 1) * tau * P[k] - k * P[k - 1]) / (k + 1)
+    return P[: degree + 1]
+
+
+def legendre_coefficients(
+    nodes: np.ndarray, values: np.ndarray, span: tuple[float, float]
+) -> np.ndarray:
+    """Return the Legendre coefficients (p, ...) on an interval, `span`, of the polynomial through
+    values (p, ...) at nodes (p,).
+
+    The first one is the polynomial's mean over the interval; the last ones measure how smooth it
+    is: of a smooth function they fall geometrically.
+    """
+    first, last = span
+    tau = (2.0 * nodes - first - last) / (last - first)
+    flat = np.linalg.solve(legendre(nodes.size - 1, tau).T, values.reshape(nodes.size, -1))
+    coefficients: np.ndarray = flat.reshape(values.shape)
+    return coefficients

@@ -1,0 +1,94 @@
+"""Polynomials through nodes, against 40-digit arithmetic and against closed forms."""
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from socp.model.polynomials import (
+    barycentric,
+    differentiation,
+    lagrange,
+    legendre,
+    legendre_coefficients,
+    merged,
+)
+from socp.transcription.schemes import lgr
+
+POINTS = [1, 2, 3, 4, 5, 7, 10, 15, 20, 30, 40, 50, 60]
+
+
+@given(st.integers(1, 40), st.floats(1e-6, 1e6), st.floats(-1e3, 1e3), st.integers(0, 2**32 - 1))
+def test_the_nodes_themselves_are_met_to_the_bit(
+    points: int, span: float, start: float, seed: int
+) -> None:
+    nodes = start + span * (lgr(points).nodes + 1) / 2
+    values = np.random.default_rng(seed).normal(size=(2, points + 1))
+    np.testing.assert_array_equal(lagrange(nodes, values, nodes), values)
+
+
+@pytest.mark.parametrize("points", POINTS)
+def test_differentiation_is_exact_for_every_polynomial_it_can_hold(points: int) -> None:
+    nodes = lgr(points).nodes
+    D = differentiation(nodes)
+    for degree in range(points + 1):
+        coefficients = np.eye(points + 1)[degree]
+        slope = np.polynomial.legendre.legval(nodes, np.polynomial.legendre.legder(coefficients))
+        x = np.polynomial.legendre.legval(nodes, coefficients)
+        np.testing.assert_allclose(D @ x, slope, atol=3e-15 * np.abs(D).max() * nodes.size)
+
+
+@pytest.mark.parametrize("points", [2, 5, 20, 60])
+def test_differentiation_against_40_digits(points: int) -> None:
+    nodes = lgr(points).nodes
+    D = differentiation(nodes)
+    with mpmath.workdps(40):
+        exact = [mpmath.mpf(node) for node in nodes]
+        weights = [1 / mpmath.fprod(a - b for b in exact if b != a) for a in exact]
+        i, j = points // 2, 0  # an entry between the middle and an end, where cancellation is worst
+        value = weights[j] / weights[i] / (exact[i] - exact[j])
+    assert D[i, j] == pytest.approx(float(value), rel=1e-13)
+
+
+def test_barycentric_weights_neither_overflow_nor_vanish() -> None:
+    weights = barycentric(lgr(60).nodes)
+    assert np.isfinite(weights).all()
+    assert np.abs(weights).max() < 1e3
+    assert np.abs(weights).min() > 1e-6 * np.abs(weights).max()
+    assert (np.sign(weights[1:]) == -np.sign(weights[:-1])).all()
+
+
+def test_barycentric_weights_of_three_nodes_by_hand() -> None:
+    # 1 / ((a - b) (a - c)): 1/2, -1, 1/2 on -1, 0, 1
+    weights = barycentric(np.array([-1.0, 0.0, 1.0]))
+    np.testing.assert_allclose(weights / weights[0], [1.0, -2.0, 1.0], rtol=1e-15)
+
+
+def test_legendre_polynomials_by_formula() -> None:
+    tau = np.linspace(-1, 1, 7)
+    rows = [np.ones(7), tau, (3 * tau**2 - 1) / 2, (5 * tau**3 - 3 * tau) / 2]
+    for degree in range(4):
+        np.testing.assert_allclose(legendre(degree, tau), rows[: degree + 1], atol=1e-15)
+
+
+@pytest.mark.parametrize("points", [1, 4, 10])
+def test_coefficients_give_the_polynomial_back_and_begin_with_its_mean(points: int) -> None:
+    t = 3.0 + 0.25 * (lgr(points).nodes + 1.0)  # on (3, 3.5)
+    exact = np.random.default_rng(points).normal(size=(points + 1, 2, 3))
+    values = np.einsum("kn,kij->nij", legendre(points, lgr(points).nodes), exact)
+    found = legendre_coefficients(t, values, (3.0, 3.5))
+    np.testing.assert_allclose(found, exact, atol=1e-12)
+    mean = legendre_coefficients(t, np.sin(t), (3.0, 3.5))[0]
+    if points == 10:
+        assert mean == pytest.approx((np.cos(3.0) - np.cos(3.5)) / 0.5, rel=1e-14)
+
+
+def test_nodes_merge_where_rounding_is_all_that_parts_them() -> None:
+    assert merged(np.array([1.0, 1.0 + 2e-16]))
+    assert merged(np.array([1.0, 0.5]))
+    assert not merged(np.array([1.0, 1.0 + 1e-14]))
+    assert not merged(np.array([2.0]))
+    # straight lines where they do
+    t = np.array([1.0, 1.0 + 2e-16, 1.0 + 4e-16])
+    np.testing.assert_array_equal(lagrange(t, np.array([[0.0, 1.0, 2.0]]), t[:1]), [[0.0]])
