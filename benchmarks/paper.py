@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from socp import Ipopt, Problem, Solution, Word, default_guess, run
-from socp.methods.guess import arranged
+from socp.methods.guess import guess_along
 from socp.methods.solving import Follower
 from socp.registry.plugins import Registry
 
@@ -84,7 +84,7 @@ def along(problem: Problem, solution: Solution, points: int) -> Solution:
     """Solve along the word of a solution with one LGR interval of so many points on every arc."""
     word = Word(problem.control_names, tuple(arc.modes for arc in solution.arcs))
     follower = Follower(points=points, intervals=1, backend=Ipopt({"tol": 1e-12}))
-    return follower(problem, word, arranged(problem, solution, word))
+    return follower(problem, word, guess_along(problem, solution, word))
 
 
 def times(solution: Solution) -> list[float]:

@@ -22,20 +22,20 @@ from socp import (
 )
 from socp.methods import scouts
 from socp.model import Stop
-from socp.process import within
+from socp.process import time_limit
 from socp.search import (
     Ration,
     Search,
     along_words,
-    concluded,
-    escalated,
-    pursued,
+    conclude,
+    escalate,
+    pursue,
     refine,
-    searching,
-    trusted,
+    time_shares,
+    with_agreement,
 )
 from socp.solvers import default_backend
-from socp.study import limited
+from socp.study import limit_switches
 from socp.transcription import euler, radau_iia
 
 _ITERATIONS = 500  # what a direct solve has not reached by then it hardly ever reaches
@@ -72,10 +72,10 @@ class Auto(Method):
         """
         began, search, directs = time.perf_counter(), self._search(), list[Solution]()
         try:
-            with within(self.seconds):
+            with time_limit(self.seconds):
                 found = self._searched(problem, guess, (search, directs), watch)
                 if found.extremal:
-                    found = trusted(problem, found, self.digits, search.backend, watch)
+                    found = with_agreement(problem, found, self.digits, search.backend, watch)
         except KeyboardInterrupt:  # between two solves; inside one the backend stops by itself
             known = search.best or (directs[-1] if directs else None)
             if known is None:
@@ -89,19 +89,19 @@ class Auto(Method):
         self, problem: Problem, guess: Solution, known: tuple[Search, list[Solution]], watch: Watch
     ) -> Solution:
         search, directs = known
-        whole, first = searching(self.seconds)
-        with within(whole):
-            with within(first):
+        whole, first = time_shares(self.seconds)
+        with time_limit(whole):
+            with time_limit(first):
                 met = scouts(problem, guess, self.starts, watch, self.backend)
                 stopped = self._first(problem, [*met, guess], known, watch)
             if stopped is not None:
                 return stopped
             other = guess if self.starts else None
-            escalated(problem, search, directs, (other, self.steps, self.backend), watch)
+            escalate(problem, search, directs, (other, self.steps, self.backend), watch)
         hand = [*directs, *met]
-        pursued(problem, search, hand, watch)
-        found = concluded(problem, search, hand, watch)
-        return limited(problem, found, self.max_switches, watch, self.backend)
+        pursue(problem, search, hand, watch)
+        found = conclude(problem, search, hand, watch)
+        return limit_switches(problem, found, self.max_switches, watch, self.backend)
 
     def _search(self) -> Search:
         return Search(backend=Ration(backend=along_words(self.backend)))

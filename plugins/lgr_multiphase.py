@@ -21,7 +21,7 @@ from socp import (
     solve_collocated,
     uniform,
 )
-from socp.methods import Follower, arranged, sound, split
+from socp.methods import Follower, guess_along, sound, split
 from socp.model import Stop
 from socp.solvers import default_backend
 from socp.transcription import euler, lgr
@@ -85,7 +85,9 @@ class LgrMultiphase(Method):
         coarse = solve_collocated(
             single_phase(problem), [uniform(euler(), _COARSE)], self.backend, guess, watch
         )
-        again = replace(follower, boxed=True)(problem, word, arranged(problem, coarse, word), watch)
+        again = replace(follower, boxed=True)(
+            problem, word, guess_along(problem, coarse, word), watch
+        )
         better = again if again.stop.ok or not solution.stop.ok else solution
         return better.after(coarse).after(solution if better is again else again)
 

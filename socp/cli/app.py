@@ -24,7 +24,7 @@ from socp.cli.machine import lacking, roomy
 from socp.cli.session import Exit, Session, messages
 from socp.cli.streams import Streams, kept_apart, parsing, parted
 from socp.errors import ContractError, KeepingError, MethodError, ProblemError, SocpError
-from socp.process import heard, held, listening, said
+from socp.process import heard, listening, said, signals_held
 from socp.registry import PluginError
 
 EPILOG = """\b
@@ -100,7 +100,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     session = Session(debug="--debug" in given)
     with parted() as streams, listening():
         code = _ran(session, given)
-        with held():
+        with signals_held():
             code = _delivered(streams, session, code)
             asked = heard()
             return 128 + asked if asked and code != Exit.LACKING else code
@@ -132,7 +132,7 @@ def _ran(session: Session, given: Sequence[str]) -> int:
 
 
 def _interrupted(session: Session) -> int:
-    with held():
+    with signals_held():
         _say("interrupted; nothing was written", session)
     return Exit.INTERRUPTED
 

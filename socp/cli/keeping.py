@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from socp.errors import KeepingError, SocpError
-from socp.process import held
+from socp.process import signals_held
 
 if TYPE_CHECKING:
     from socp.model import Problem, Solution
@@ -46,7 +46,7 @@ def keep(problem: "Problem", solution: "Solution", path: Path) -> Place:
     Better is what the judge certifies now, for this problem, where the new one is not certified or
     has a higher objective. Raises KeepingError where it can be written nowhere.
     """
-    with held():
+    with signals_held():
         taken = path.is_file() and _better(problem, path, solution)
         place = path
         if taken:
@@ -79,7 +79,7 @@ def _better(problem: "Problem", path: Path, new: "Solution") -> bool:
     """Tell whether a file holds a certified result of this problem that is better; what it says is
     judged anew.
     """
-    from socp.methods import checked
+    from socp.methods import check_solution
     from socp.model import Solution
     from socp.verdict import judge
 
@@ -91,7 +91,7 @@ def _better(problem: "Problem", path: Path, new: "Solution") -> bool:
             abs(old.objective), abs(new.objective)
         ):
             return False
-        return bool(judge(problem, checked(old.method, problem, old)).extremal)
+        return bool(judge(problem, check_solution(old.method, problem, old)).extremal)
     except (
         SocpError,
         ArithmeticError,

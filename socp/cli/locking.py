@@ -14,7 +14,7 @@ _HELD = (errno.EWOULDBLOCK, errno.EACCES)  # what a lock that somebody else has 
 
 
 @contextmanager
-def alone(path: Path | None) -> Iterator[None]:
+def locked(path: Path | None) -> Iterator[None]:
     """Hold a file that is written in the body; MethodError where another process, or another
     command here, has it.
 

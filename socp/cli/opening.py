@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from socp.cli.session import Session
 from socp.errors import ProblemError, SolveError
-from socp.registry import fitting, load_problem
+from socp.registry import check_guess, load_problem
 
 if TYPE_CHECKING:
     from socp.model import Problem, Solution
@@ -26,7 +26,7 @@ def open_result(
     is None where there is none of them. SolveError says what is wrong with the file, or that it is
     not a result of its problem.
     """
-    from socp.model import Problem, Solution, shown
+    from socp.model import Problem, Solution, quotation
 
     solution, own = Solution.load(path), None
     registry = registry or session.registry()
@@ -34,14 +34,14 @@ def open_result(
         try:
             own = Problem.from_statement(solution.statement)
         except ProblemError as error:
-            raise SolveError(f"{path}: its statement is no problem: {shown(error)}") from error
+            raise SolveError(f"{path}: its statement is no problem: {quotation(error)}") from error
     if given is not None:
         problem = load_problem(given, registry)
         if own is not None:
             _compare(
                 session, own, problem, f"problem '{given}' is used; that of the result differs"
             )
-        return _agreeing(path, fitting(path, solution, problem), problem), problem
+        return _agreeing(path, check_guess(path, solution, problem), problem), problem
     registered = _registered(solution.problem, registry)
     if own is not None:
         if registered is not None:
@@ -51,7 +51,7 @@ def open_result(
     if registered is None:
         return solution, None
     try:
-        fitting(path, solution, registered)
+        check_guess(path, solution, registered)
     except SolveError:  # another problem of the same name
         return solution, None
     session.warn(
@@ -60,11 +60,11 @@ def open_result(
     return _agreeing(path, solution, registered), registered
 
 
-def unknown(solution: "Solution") -> str:
+def problem_missing(solution: "Solution") -> str:
     """Return why a saved result is without a problem, and what to do."""
-    from socp.model import shown
+    from socp.model import quotation
 
-    reason = f" ({shown(solution.unstated)})" if solution.unstated else ""
+    reason = f" ({quotation(solution.unstated)})" if solution.unstated else ""
     lacking = f"the result carries no statement of its problem '{solution.problem}'{reason}"
     return f"{lacking}, and no such problem is registered; give --problem FILE"
 
@@ -80,10 +80,10 @@ def _agreeing(path: str, solution: "Solution", problem: "Problem") -> "Solution"
     """Return a saved result as it is; SolveError where its arcs follow constraints that the problem
     does not have.
     """
-    from socp.model import follow
+    from socp.model import check_constraints
 
     try:
-        follow(solution, [constraint.name for constraint in problem.constraints])
+        check_constraints(solution, [constraint.name for constraint in problem.constraints])
     except ProblemError as error:
         raise SolveError(f"{path}: {error}") from error
     return solution

@@ -41,7 +41,7 @@ def build(method: "type[Method]", given: Iterable[tuple[str, str]]) -> "Method":
     """Return a method with options set from their texts; MethodError names the unknown, missing or
     mistyped.
     """
-    from socp.methods import check_options, options, required
+    from socp.methods import check_options, is_required, options
 
     fields = {each.name: each for each in options(method)}
     hints = get_type_hints(method)
@@ -60,7 +60,7 @@ def build(method: "type[Method]", given: Iterable[tuple[str, str]]) -> "Method":
             )
         elif key not in values or not _swappable(fields[key], hints[key]):
             values[key] = _convert(f"{method.name}: {key}", hints[key], text)
-    missing = [name for name, each in fields.items() if required(each) and name not in values]
+    missing = [name for name, each in fields.items() if is_required(each) and name not in values]
     if missing:
         raise MethodError(f"{method.name} needs a value of '{missing[0]}': -o {missing[0]}=...")
     built = method(**values)
@@ -68,7 +68,7 @@ def build(method: "type[Method]", given: Iterable[tuple[str, str]]) -> "Method":
     return built
 
 
-def shared(
+def options_by_method(
     methods: "Sequence[type[Method]]", given: Sequence[str]
 ) -> "dict[str, list[tuple[str, str]]]":
     """Sort the options of several methods: METHOD.KEY=VALUE is for one, KEY=VALUE for each that has
@@ -80,16 +80,18 @@ def shared(
         if dot and head in found:
             found[head].append((rest, text))
             continue
-        takers = [method for method in methods if (head if dot else key) in accepted(method)]
+        takers = [method for method in methods if (head if dot else key) in option_keys(method)]
         if not takers:
-            known = sorted({name for method in methods for name in accepted(method)} | set(found))
+            known = sorted(
+                {name for method in methods for name in option_keys(method)} | set(found)
+            )
             raise MethodError(f"no method here has an option '{key}'{suggest(head, known)}")
         for method in takers:
             found[method.name].append((key, text))
     return found
 
 
-def accepted(method: "type[Method]") -> set[str]:
+def option_keys(method: "type[Method]") -> set[str]:
     """Return the keys that a method takes: its options, and the names before the dot of its
     backends' options.
     """

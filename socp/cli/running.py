@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from socp.cli.options import build
 from socp.errors import ContractError, SocpError
 from socp.process import heard, listens
-from socp.registry import Plugin, Registry, aside, civil, explain, origin
+from socp.registry import Plugin, Registry, civil, explain, origin, prints_aside
 
 if TYPE_CHECKING:
     from socp.methods import Method
@@ -30,7 +30,7 @@ def made(registry: Registry, name: str, given: Iterable[tuple[str, str]]) -> "Me
         raise _blamed(registry, name, error) from error
 
 
-def solved(
+def run_method(
     registry: Registry, method: "Method", problem: "Problem", guess: "Solution", watch: "Watch"
 ) -> "Solution":
     """Run a method as `socp.methods.chain.run` does; what it must not do becomes a ContractError
@@ -40,7 +40,7 @@ def solved(
 
     stranger = _stranger(registry, method.name)
     try:
-        with aside() if stranger else nullcontext():
+        with prints_aside() if stranger else nullcontext():
             return run(method, problem, guess, _strict(watch) if stranger else watch)
     except ContractError as error:
         raise _blamed(registry, method.name, error) from error

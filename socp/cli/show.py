@@ -71,10 +71,10 @@ def worst(solution: "Solution") -> float:
 
 def report(problem: "Problem", solution: "Solution", path: str) -> Table:
     """Return the report of a solve, one fact a row."""
-    return framed(solution_rows(problem, solution, UNJUDGED, path))
+    return table_lines(solution_rows(problem, solution, UNJUDGED, path))
 
 
-def framed(rows: Iterable[Row]) -> Table:
+def table_lines(rows: Iterable[Row]) -> Table:
     """Return rows as a table without lines, each label once."""
     grid = Table.grid(padding=(0, 2, 0, 0))
     grid.add_column(style="bold", no_wrap=True)

@@ -10,9 +10,9 @@ from typing import final
 import numpy as np
 
 from socp.errors import MethodError
-from socp.laws import law as laws
-from socp.laws import probes as sampled
-from socp.laws.principle import Extremal
+from socp.laws import probes
+from socp.laws.contacts import controlled_constraints
+from socp.laws.principle import ArcPrinciple, derive
 from socp.laws.simplify import simplified
 from socp.laws.singular import regular
 from socp.model import Expr, Problem
@@ -52,7 +52,8 @@ def describe_laws(problem: Problem) -> list[Law]:
     found = [_singular(problem, group) for group in groups]
     for j, name in enumerate(names):
         found += [
-            _boundary(problem, name, constraint.name) for constraint in laws.acting(problem, j)
+            _boundary(problem, name, constraint.name)
+            for constraint in controlled_constraints(problem, j)
         ]
     return found
 
@@ -77,7 +78,7 @@ def law_lines(problem: Problem, write: Callable[[Expr], str]) -> Iterator[tuple[
 
 def _singular(problem: Problem, group: tuple[str, ...]) -> Law:
     try:
-        found = laws.derive(problem, group)
+        found = derive(problem, group)
     except MethodError as error:
         return Law(controls=group, reason=_reason(error))
     at = [problem.control_names.index(name) for name in group]
@@ -110,9 +111,9 @@ def _partly(problem: Problem, name: str) -> Iterator[str]:
     """
     i = problem.control_names.index(name)
     for j, other in enumerate(problem.control_names):
-        for constraint in laws.acting(problem, j) if j != i else ():
+        for constraint in controlled_constraints(problem, j) if j != i else ():
             try:
-                found = laws.derive(problem, (name,), {other: constraint.name})
+                found = derive(problem, (name,), {other: constraint.name})
             except MethodError:
                 continue
             yield _remark(problem, found, [i], f"{other} on {constraint.name}")
@@ -120,7 +121,7 @@ def _partly(problem: Problem, name: str) -> Iterator[str]:
 
 def _boundary(problem: Problem, name: str, constraint: str) -> Law:
     try:
-        found = laws.derive(problem, (), {name: constraint})
+        found = derive(problem, (), {name: constraint})
     except MethodError as error:
         return Law(controls=(name,), constraint=constraint, reason=_reason(error))
     i = problem.control_names.index(name)
@@ -141,7 +142,7 @@ def _reason(error: MethodError) -> str:
     return rest or str(error)
 
 
-def _remark(problem: Problem, found: Extremal, at: list[int], where: str) -> str:
+def _remark(problem: Problem, found: ArcPrinciple, at: list[int], where: str) -> str:
     """Return what sampling shows of the Legendre-Clebsch matrix where the law is within the
     bounds.
     """
@@ -149,7 +150,7 @@ def _remark(problem: Problem, found: Extremal, at: list[int], where: str) -> str
     if outside:
         return outside
     inside = _inside(problem, found, at)
-    matrix = sampled.evaluator(problem, found.legendre_clebsch)(inside)[0]
+    matrix = probes.evaluator(problem, found.legendre_clebsch)(inside)[0]
     matrix = matrix[np.isfinite(matrix).all(axis=(1, 2))]
     values = np.linalg.eigvalsh((matrix + matrix.transpose(0, 2, 1)) / 2)
     prefix, count = f"{where}: " if where else "", f"{len(values)} sampled points"
@@ -163,23 +164,23 @@ def _remark(problem: Problem, found: Extremal, at: list[int], where: str) -> str
     return f"{prefix}positive at {share:.0%} of {count}: to be checked along an arc"
 
 
-def _points(problem: Problem, found: Extremal) -> np.ndarray:
+def _points(problem: Problem, found: ArcPrinciple) -> np.ndarray:
     """Return points (nv, n) on the arc at which its law has a value, those of its derivation among
     them.
     """
-    at = sampled.onto(problem, found.equations, sampled.admissible(problem, _SAMPLES))
-    if found.chain is None:
+    at = probes.onto(problem, found.equations, probes.admissible(problem, _SAMPLES))
+    if found.derivatives is None:
         return at
-    at = at[:, regular(*found.chain, at)]
+    at = at[:, regular(*found.derivatives, at)]
     return at if at.shape[1] > found.points.shape[1] else found.points
 
 
-def _values(problem: Problem, found: Extremal, at: list[int], points: np.ndarray) -> np.ndarray:
-    values: np.ndarray = sampled.evaluator(problem, found.control[at])(points)[0][:, :, 0]
+def _values(problem: Problem, found: ArcPrinciple, at: list[int], points: np.ndarray) -> np.ndarray:
+    values: np.ndarray = probes.evaluator(problem, found.control[at])(points)[0][:, :, 0]
     return values
 
 
-def _inside(problem: Problem, found: Extremal, at: list[int]) -> np.ndarray:
+def _inside(problem: Problem, found: ArcPrinciple, at: list[int]) -> np.ndarray:
     """Return the sampled points (nv, n) at which the laws of the controls respect their bounds."""
     points = _points(problem, found)
     u = _values(problem, found, at, points)
@@ -187,7 +188,7 @@ def _inside(problem: Problem, found: Extremal, at: list[int]) -> np.ndarray:
     return points[:, ((u >= low) & (u <= high)).all(axis=1)]
 
 
-def _outside(problem: Problem, found: Extremal, at: list[int], where: str) -> str:
+def _outside(problem: Problem, found: ArcPrinciple, at: list[int], where: str) -> str:
     """Return a warning where a law leaves the bounds at every sampled point, or no point was met,
     else nothing.
     """

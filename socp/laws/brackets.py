@@ -53,7 +53,7 @@ def total_derivative(problem: Problem, expression: Expr) -> Expr:
     return Flow(problem, problem.rate, casadi.SX()).of_state(expression)
 
 
-def extended(problem: Problem) -> Expr:
+def extended_costate(problem: Problem) -> Expr:
     """Return z = (lambda, 1) as a column (nx + 1, 1)."""
     return casadi.vertcat(problem.costate, 1)
 

@@ -4,20 +4,20 @@ import casadi
 import numpy as np
 
 from socp.errors import MethodError
-from socp.laws import probes as sampled
+from socp.laws import probes
 from socp.laws.setting import tower
 from socp.model import Constraint, Mode, Problem, Word, column, once
 
 
 @once
-def acting(problem: Problem, control: int) -> tuple[Constraint, ...]:
+def controlled_constraints(problem: Problem, control: int) -> tuple[Constraint, ...]:
     """Return the state constraints on which a control acts: those whose first controlled derivative
     holds it.
     """
     return tuple(c for c in problem.constraints if _acts(problem, c, control))
 
 
-def resolved(problem: Problem, word: Word) -> Word:
+def name_constraints(problem: Problem, word: Word) -> Word:
     """Return the word with a state constraint named on every boundary arc.
 
     Where several constraints act on the control, the neighbouring bang arcs tell: before contact
@@ -31,9 +31,9 @@ def resolved(problem: Problem, word: Word) -> Word:
     return Word(word.controls, tuple(arcs))
 
 
-def followed(problem: Problem, i: int, mode: Mode) -> Constraint:
+def constraint_of(problem: Problem, i: int, mode: Mode) -> Constraint:
     """Return the constraint that a boundary mode follows, if it can be told from the mode alone."""
-    name, candidates = problem.control_names[i], acting(problem, i)
+    name, candidates = problem.control_names[i], controlled_constraints(problem, i)
     listed = " or ".join(f"b[{c.name}]" for c in candidates) or "none does"
     if mode.constraint is None and len(candidates) == 1:
         return candidates[0]
@@ -58,14 +58,14 @@ def _named(problem: Problem, word: Word, k: int, i: int) -> Mode:
     mode = word.arcs[k][i]
     if mode.kind != "boundary" or mode.constraint is not None:
         return mode
-    candidates = acting(problem, i)
+    candidates = controlled_constraints(problem, i)
     row = [arc[i] for arc in word.arcs]
     before = next((m.kind for m in reversed(row[:k]) if m != mode), None)
     after = next((m.kind for m in row[k + 1 :] if m != mode), None)
     fitting = [c for c in candidates if _fits(problem, c, i, (before, after))]
     if len(candidates) > 1 and len(fitting) == 1:
         return Mode("boundary", fitting[0].name)
-    return Mode("boundary", followed(problem, i, mode).name)
+    return Mode("boundary", constraint_of(problem, i, mode).name)
 
 
 def _fits(
@@ -75,8 +75,8 @@ def _fits(
     c^(q) < 0 before.
     """
     held, top = tower(problem, constraint)
-    at = sampled.touching(problem, column(held))
-    slopes = sampled.evaluator(problem, casadi.jacobian(top, problem.u[i]))(at)[0].ravel()
+    at = probes.points_on(problem, column(held))
+    slopes = probes.evaluator(problem, casadi.jacobian(top, problem.u[i]))(at)[0].ravel()
     if not slopes.size or slopes.min() * slopes.max() <= 0:
         return False
     push = {"upper": 1, "lower": -1}
@@ -89,6 +89,6 @@ def _acts(problem: Problem, constraint: Constraint, control: int) -> bool:
         held, top = tower(problem, constraint)
     except MethodError:
         return False
-    at = sampled.touching(problem, column(held))
+    at = probes.points_on(problem, column(held))
     slope = casadi.jacobian(top, problem.u[control])
-    return bool(slope.nnz() and (not at.shape[1] or sampled.nonzero(problem, slope, at).all()))
+    return bool(slope.nnz() and (not at.shape[1] or probes.nonzero(problem, slope, at).all()))

@@ -16,7 +16,7 @@ from socp.model import (
 )
 
 
-def ends(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+def guessed_ends(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     """Return guessed states at both ends: the given value, that of the other end, or the nearest to
     zero in the box.
     """
@@ -118,7 +118,7 @@ class _Runs(NamedTuple):
     bangs: list[np.ndarray]
 
 
-def reached(problem: Problem, count: int) -> np.ndarray:
+def reachable_points(problem: Problem, count: int) -> np.ndarray:
     """Return points (nv, count): t, x, p, costate and controls, the states within their bounds and
     not on them.
 
@@ -126,7 +126,7 @@ def reached(problem: Problem, count: int) -> np.ndarray:
     too long for a stiff one, is followed for a shorter time.
     """
     random = np.random.default_rng(0)
-    x0, p = _starts(problem, count, random), drawn(problem.parameter_box, count, random)
+    x0, p = _starts(problem, count, random), draw(problem.parameter_box, count, random)
     t0 = problem.initial_time_box[0] if np.isfinite(problem.initial_time_box[0]) else 0.0
     whole = horizon(problem)
     runs = _Runs(x0, t0, p, [_bangs(problem, count, random) for _ in range(_DRAWS)])
@@ -154,14 +154,14 @@ def horizon(problem: Problem) -> float:
         return low - first
     if guess is not None:
         return max(float(guess) - first, 1e-9)
-    x0, xf = ends(problem)
+    x0, xf = guessed_ends(problem)
     if np.array_equal(x0, xf):
         sides = np.where(np.isfinite(problem.state_box), problem.state_box, x0)
         xf = np.where(np.abs(sides[1] - x0) >= np.abs(sides[0] - x0), sides[1], sides[0])
     return float(np.clip(travel_time(problem, x0, xf, first), *_lengths(low - first, high - first)))
 
 
-def drawn(box: np.ndarray, count: int, random: Generator) -> np.ndarray:
+def draw(box: np.ndarray, count: int, random: Generator) -> np.ndarray:
     """Draw values (n, count) from intervals (2, n); an open end is put one size of the other one
     away.
     """
@@ -260,8 +260,8 @@ def _inside(problem: Problem, x: np.ndarray) -> np.ndarray:
 
 
 def _starts(problem: Problem, count: int, random: Generator) -> np.ndarray:
-    known = drawn(problem.start_box, count, random)
-    other = drawn(problem.end_box, count, random)
+    known = draw(problem.start_box, count, random)
+    other = draw(problem.end_box, count, random)
     open_ = ~np.isfinite(problem.start_box).all(axis=0)
     low, high = problem.state_box
     starts: np.ndarray = np.clip(

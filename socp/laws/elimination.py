@@ -8,11 +8,11 @@ from typing import final
 import casadi
 import numpy as np
 
-from socp.laws import probes as sampled
+from socp.laws import probes
 from socp.laws.algebra import cramer, determinant, ratio
-from socp.laws.brackets import extended
-from socp.laws.setting import Setting, reduced
-from socp.laws.singular import Chain, matrix_of
+from socp.laws.brackets import extended_costate
+from socp.laws.setting import Setting, common_factor
+from socp.laws.singular import Derivatives, matrix_of
 from socp.model import Expr, column
 
 # Singular values, relative to the largest, that count as zero; points lie on their surface to 1e-11
@@ -33,16 +33,16 @@ class Feedback:
     hamiltonian: bool
 
 
-def with_costate(setting: Setting, chain: Chain) -> Expr:
+def with_costate(setting: Setting, chain: Derivatives) -> Expr:
     """Return the singular controls (k, 1) as functions of x, lambda, t, p."""
-    z = extended(setting.problem)
+    z = extended_costate(setting.problem)
     numerators, denominator = cramer(
         matrix_of(chain.slopes, z), -column(casadi.mtimes(row, z) for row in chain.rest)
     )
     return column(ratio(numerators[k], denominator) for k in range(numerators.numel()))
 
 
-def feedback(setting: Setting, chain: Chain) -> Feedback | None:
+def feedback(setting: Setting, chain: Derivatives) -> Feedback | None:
     """Return the singular controls without the costate, by the conditions alone or else with H, or
     None.
 
@@ -58,7 +58,7 @@ def feedback(setting: Setting, chain: Chain) -> Feedback | None:
     return None
 
 
-def surface(setting: Setting, chain: Chain) -> Expr:
+def surface(setting: Setting, chain: Derivatives) -> Expr:
     """Return equations (m, 1) in x, t, p alone that hold on the arc: elsewhere the conditions leave
     no costate.
     """
@@ -72,20 +72,18 @@ def surface(setting: Setting, chain: Chain) -> Expr:
             minor = determinant(rows[[*picked, extra], [*columns, free]])
             if (
                 not minor.is_zero()
-                and sampled.nonzero(
-                    setting.problem, minor, sampled.admissible(setting.problem)
-                ).any()
+                and probes.nonzero(setting.problem, minor, probes.admissible(setting.problem)).any()
             ):
                 found.append(minor)
                 break
     return column(found)
 
 
-def _independent(setting: Setting, chain: Chain, rows: Expr) -> bool:
+def _independent(setting: Setting, chain: Derivatives, rows: Expr) -> bool:
     """Tell whether the control is the same for all costates that satisfy the rows at a point."""
     problem, k = setting.problem, len(chain.rest)
     entries = [row for line in chain.slopes for row in line] + chain.rest
-    values = sampled.evaluator(problem, rows, casadi.vertcat(*entries), extended(problem))
+    values = probes.evaluator(problem, rows, casadi.vertcat(*entries), extended_costate(problem))
     conditions, parts, z = values(chain.points)
     sizes = _sizes(setting, rows)
     random, width = np.random.default_rng(3), np.ptp(problem.box[:, list(setting.singular)], axis=0)
@@ -108,8 +106,8 @@ def _sizes(setting: Setting, rows: Expr) -> tuple[np.ndarray, np.ndarray]:
     """Return the sizes of rows (m,) and of z (n,) over the admissible points; on the arc some may
     vanish.
     """
-    points = sampled.admissible(setting.problem)
-    matrix, z = sampled.evaluator(setting.problem, rows, extended(setting.problem))(points)
+    points = probes.admissible(setting.problem)
+    matrix, z = probes.evaluator(setting.problem, rows, extended_costate(setting.problem))(points)
     of_z = np.sqrt(np.mean(z[:, :, 0] ** 2, axis=0))
     of_rows = np.nanmedian(np.linalg.norm(matrix * of_z, axis=2), axis=0)
     return np.where(of_rows > 0, of_rows, 1.0), of_z
@@ -139,7 +137,7 @@ def _pivots(setting: Setting, points: np.ndarray, rows: Expr) -> tuple[list[int]
     long.
     """
     of_rows, of_z = _sizes(setting, rows)
-    matrix = sampled.evaluator(setting.problem, rows)(points)[0] * of_z / of_rows[:, None]
+    matrix = probes.evaluator(setting.problem, rows)(points)[0] * of_z / of_rows[:, None]
     matrix = matrix[np.isfinite(matrix).all(axis=(1, 2))]
     if not matrix.size:
         return [], []
@@ -158,7 +156,7 @@ def _pivots(setting: Setting, points: np.ndarray, rows: Expr) -> tuple[list[int]
     return picked, list(choices[int(np.argmax(sizes))])
 
 
-def _eliminated(setting: Setting, chain: Chain, rows: Expr) -> Expr | None:
+def _eliminated(setting: Setting, chain: Derivatives, rows: Expr) -> Expr | None:
     """Put a costate that satisfies the rows into the law: any will do, so one without quotients."""
     picked, columns = _pivots(setting, chain.points, rows)
     if not picked:
@@ -169,7 +167,7 @@ def _eliminated(setting: Setting, chain: Chain, rows: Expr) -> Expr | None:
         matrix = matrix_of(chain.slopes, z)
         if (
             matrix.nnz()
-            and sampled.nonzero(setting.problem, determinant(matrix), chain.points).all()
+            and probes.nonzero(setting.problem, determinant(matrix), chain.points).all()
         ):
             numerators, denominator = cramer(
                 matrix, -column(casadi.mtimes(row, z) for row in chain.rest)
@@ -192,4 +190,4 @@ def _null_vector(rows: Expr, columns: Sequence[int], free: int) -> Expr:
     z = casadi.SX(rows.shape[1], 1)
     z[list(columns)] = numerators
     z[free] = denominator
-    return reduced(z.T)[1].T if casadi.sparsify(z).nnz() > 1 else z
+    return common_factor(z.T)[1].T if casadi.sparsify(z).nnz() > 1 else z

@@ -6,9 +6,10 @@ import casadi
 import numpy as np
 
 from socp.errors import MethodError, ProblemError
-from socp.laws import law as laws
-from socp.laws import probes as sampled
-from socp.laws.principle import Extremal
+from socp.laws import probes
+from socp.laws.contacts import controlled_constraints
+from socp.laws.law import given_singular
+from socp.laws.principle import ArcPrinciple, derive
 from socp.model import Expr, Problem
 
 # Relative to the control's box: laws given in decimals agree to their digits, wrong ones differ by
@@ -24,7 +25,7 @@ def check_laws(problem: Problem) -> None:
     Raises ProblemError with both formulas and the point where they differ most.
     """
     for i, name in enumerate(problem.control_names):
-        law = laws.given_singular(problem, i)
+        law = given_singular(problem, i)
         if law is not None:
             _refuse(problem, name, "singular law", law, list(_singular_arcs(problem, name)))
         if any(control.name() == name for control in problem.boundary):
@@ -34,7 +35,7 @@ def check_laws(problem: Problem) -> None:
 def _check_boundary(problem: Problem, i: int) -> None:
     name = problem.control_names[i]
     named = next(law for control, law in problem.boundary.items() if control.name() == name)
-    acting = laws.acting(problem, i)
+    acting = controlled_constraints(problem, i)
     wanted = [c for c in acting if isinstance(named, Mapping) and c.name in named]
     if isinstance(named, Mapping):
         for constraint in wanted:
@@ -62,15 +63,15 @@ def _check_boundary(problem: Problem, i: int) -> None:
         )
 
 
-def _singular_arcs(problem: Problem, name: str) -> Iterator[Extremal]:
+def _singular_arcs(problem: Problem, name: str) -> Iterator[ArcPrinciple]:
     yield from _derived(problem, (name,), {})
     for j, other in enumerate(problem.control_names):
         if other != name:
-            for constraint in laws.acting(problem, j):
+            for constraint in controlled_constraints(problem, j):
                 yield from _derived(problem, (name,), {other: constraint.name})
 
 
-def _boundary_arcs(problem: Problem, name: str, constraints: list[str]) -> list[Extremal]:
+def _boundary_arcs(problem: Problem, name: str, constraints: list[str]) -> list[ArcPrinciple]:
     return [
         found for constraint in constraints for found in _derived(problem, (), {name: constraint})
     ]
@@ -78,14 +79,14 @@ def _boundary_arcs(problem: Problem, name: str, constraints: list[str]) -> list[
 
 def _derived(
     problem: Problem, singular: tuple[str, ...], boundary: Mapping[str, str]
-) -> Iterator[Extremal]:
+) -> Iterator[ArcPrinciple]:
     try:
-        yield laws.derive(problem, singular, boundary)
+        yield derive(problem, singular, boundary)
     except MethodError:
         return
 
 
-def _refuse(problem: Problem, name: str, kind: str, law: Expr, arcs: list[Extremal]) -> None:
+def _refuse(problem: Problem, name: str, kind: str, law: Expr, arcs: list[ArcPrinciple]) -> None:
     """Raise ProblemError unless the law agrees with the derived one on one of the arcs, or none
     could be derived.
     """
@@ -99,13 +100,12 @@ def _refuse(problem: Problem, name: str, kind: str, law: Expr, arcs: list[Extrem
     )
 
 
-def _difference(problem: Problem, i: int, law: Expr, found: Extremal) -> str | None:
+def _difference(problem: Problem, i: int, law: Expr, found: ArcPrinciple) -> str | None:
     """Return both formulas and their values at the point where they differ most, None where they
     agree.
     """
     own, derived = (
-        values[:, 0, 0]
-        for values in sampled.evaluator(problem, law, found.control[i])(found.points)
+        values[:, 0, 0] for values in probes.evaluator(problem, law, found.control[i])(found.points)
     )
     gap = np.abs(own - derived) / (np.ptp(problem.box[:, i]) + np.abs(derived))
     gap = np.where(np.isfinite(derived), np.where(np.isfinite(own), gap, np.inf), 0.0)

@@ -7,15 +7,15 @@ from collections.abc import Sequence
 import casadi
 import numpy as np
 
-from socp.laws import probes as sampled
-from socp.laws.brackets import extended, hamiltonian_row, switching_row
+from socp.laws import probes
+from socp.laws.brackets import extended_costate, hamiltonian_row, switching_row
 from socp.laws.setting import Contact, Setting, homogeneous
 from socp.model import TINY, Expr, column
 
 _RANK = 1e-9  # of a row: what is left of it outside a span is round-off below
 
 
-def closed(setting: Setting, touch: Contact, rows: Sequence[Expr], more: Sequence[Expr]) -> bool:
+def spans(setting: Setting, touch: Contact, rows: Sequence[Expr], more: Sequence[Expr]) -> bool:
     """Tell whether every row of `more` is a combination of `rows`, at generic states, while these
     leave a costate.
 
@@ -26,16 +26,18 @@ def closed(setting: Setting, touch: Contact, rows: Sequence[Expr], more: Sequenc
     problem, n = setting.problem, setting.problem.x.numel()
     candidates = [row for row in more if casadi.sparsify(row).nnz()] or [casadi.SX(1, n + 1)]
     of_states = [row[n] for row in rows if not casadi.sparsify(row[:n]).nnz()]
-    at = sampled.onto(
-        problem, column([*casadi.vertsplit(touch.held), *of_states]), sampled.admissible(problem)
+    at = probes.onto(
+        problem, column([*casadi.vertsplit(touch.held), *of_states]), probes.admissible(problem)
     )
     span = [row for row in rows if casadi.sparsify(row[:n]).nnz()] + setting.energy
     if not at.shape[1] or not span:
         return False
     fields = [hamiltonian_row(problem, casadi.SX.zeros(problem.u.numel(), 1))]
     fields += [switching_row(problem, i) for i in range(problem.u.numel())]
-    held, wanted, moving, z = sampled.evaluator(
-        problem, *(casadi.vertcat(*each) for each in (span, candidates, fields)), extended(problem)
+    held, wanted, moving, z = probes.evaluator(
+        problem,
+        *(casadi.vertcat(*each) for each in (span, candidates, fields)),
+        extended_costate(problem),
     )(at)
     size = np.sqrt(np.mean(z[:, :, 0] ** 2, axis=0))
     verdicts = [

@@ -9,27 +9,9 @@ from typing import final
 import casadi
 
 from socp.errors import MethodError
-from socp.laws import setting as extremal
-from socp.laws.brackets import hamiltonian_value, total_derivative
-from socp.laws.contacts import acting, resolved
-from socp.laws.principle import Extremal, arc, derive, extremal_arc, setting_of
-from socp.laws.setting import Setting, tower
+from socp.laws.principle import ArcPrinciple, arc, extremal_arc, setting_of
+from socp.laws.setting import Setting, contact, homogeneous, tower
 from socp.model import Constraint, Expr, Mode, Modes, Problem, column, once
-
-__all__ = [
-    "ArcLaw",
-    "Extremal",
-    "acting",
-    "arc_law",
-    "derive",
-    "extremal_arc",
-    "given_boundary",
-    "given_singular",
-    "hamiltonian_value",
-    "resolved",
-    "total_derivative",
-    "tower",
-]
 
 
 @final
@@ -67,7 +49,7 @@ def arc_law(problem: Problem, modes: Modes) -> ArcLaw:
     given = {i: law for i in setting.singular if (law := given_singular(problem, i)) is not None}
     carried = None
     if all(i in given for i in setting.singular):
-        control = extremal.contact(setting_of(problem, modes, constant=False, given=given)).control
+        control = contact(setting_of(problem, modes, constant=False, given=given)).control
     else:
         found = _shared(problem, modes) or extremal_arc(problem, modes)
         carried = found if found.feedback is None else None
@@ -114,7 +96,7 @@ def given_boundary(problem: Problem, j: int, constraint: Constraint) -> Expr | N
     return None if law is None else casadi.SX(law)
 
 
-def _shared(problem: Problem, modes: Modes) -> Extremal | None:
+def _shared(problem: Problem, modes: Modes) -> ArcPrinciple | None:
     """Return the arc with its bang controls left open, where its law turns out not to depend on
     their values.
     """
@@ -140,9 +122,9 @@ def _shared(problem: Problem, modes: Modes) -> Extremal | None:
     return replace(found, feedback=casadi.substitute(found.feedback, bangs, values))
 
 
-def _costate_entry(problem: Problem, found: Extremal) -> tuple[Expr, ...]:
+def _costate_entry(problem: Problem, found: ArcPrinciple) -> tuple[Expr, ...]:
     conditions = casadi.vertsplit(found.conditions)
-    if extremal.homogeneous(problem):
+    if homogeneous(problem):
         conditions.append(casadi.sumsqr(problem.costate) - 1)
     return tuple(conditions)
 

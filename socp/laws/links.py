@@ -10,9 +10,9 @@ import casadi
 import numpy as np
 
 from socp.errors import MethodError
-from socp.laws import probes as sampled
-from socp.laws.brackets import extended, switching_row
-from socp.laws.setting import DEEPEST, Contact, Setting, equations, reduced
+from socp.laws import probes
+from socp.laws.brackets import extended_costate, switching_row
+from socp.laws.setting import DEEPEST, Contact, Setting, common_factor, equations
 from socp.model import Expr
 
 _LEVEL = (
@@ -71,7 +71,7 @@ class Search:
             equations(self.setting, self.touch, rows),
             *(self.setting.problem.costate[j] for j in self.aside),
         )
-        at = sampled.onto(self.setting.problem, own, start, interior=not self.setting.boundary)
+        at = probes.onto(self.setting.problem, own, start, interior=not self.setting.boundary)
         if not at.shape[1]:
             raise LostError(
                 f"{self.setting.name()}: no such arc was found: no state and costate satisfy "
@@ -83,15 +83,15 @@ class Search:
         """Tell which rows differ from zero at which points (n, rows): by more than round-off and
         the points' error.
         """
-        z = extended(self.setting.problem)
+        z = extended_costate(self.setting.problem)
         stack = casadi.vertcat(*rows)
-        evaluate = sampled.evaluator(
+        evaluate = probes.evaluator(
             self.setting.problem,
             casadi.mtimes(stack, z),
             casadi.mtimes(casadi.fabs(stack), casadi.fabs(z)),
         )
         value, terms = (each[:, :, 0] for each in evaluate(self.points))
-        found: np.ndarray = sampled.real(
+        found: np.ndarray = probes.real(
             self.setting.problem, lambda at: evaluate(at)[0][:, :, 0], self.points
         )
         with np.errstate(invalid="ignore"):
@@ -110,14 +110,14 @@ def begun(
     """
     search = Search(setting, touch, points, points, aside)
     for row in touch.rows:
-        search = search.add(reduced(row)[1], "sigma = 0 of its boundary controls")
+        search = search.add(common_factor(row)[1], "sigma = 0 of its boundary controls")
     sigmas = {
         i: Link(switching_row(setting.problem, i), casadi.SX(1), -1) for i in setting.singular
     }
     return replace(search, now={i: (link, link.row, []) for i, link in sigmas.items()})
 
 
-def differentiated(search: Search) -> Search:
+def differentiate(search: Search) -> Search:
     """Return the search with the derivatives of all links as the next to follow, Goh's condition
     required of them.
     """
@@ -170,7 +170,7 @@ def _goh(search: Search, slopes: list[Expr], depth: int) -> Search:
                 raise MethodError(
                     f"{name}: singular controls of different orders act on each other; not derived"
                 )
-            row = reduced(row)[1]
+            row = common_factor(row)[1]
             search = search.add(row, what)
             search = replace(search, goh=search.goh + 1)
             rest, held = split(search, Link(row, casadi.SX(1)))

@@ -8,8 +8,9 @@ import casadi
 import numpy as np
 
 from socp.errors import MethodError
-from socp.laws import law as laws
-from socp.model import Mode, Modes, Problem, along, once, time
+from socp.laws.contacts import controlled_constraints
+from socp.laws.law import arc_law
+from socp.model import Mode, Modes, Problem, evaluate, once, time
 
 _BANGS = (Mode("lower"), Mode("upper"))
 
@@ -21,7 +22,11 @@ def control_modes(problem: Problem, i: int) -> tuple[Mode, ...]:
     bangs = [
         mode for mode, bound in zip(_BANGS, problem.box[:, i], strict=True) if np.isfinite(bound)
     ]
-    return (*bangs, Mode("singular"), *(Mode("boundary", c.name) for c in laws.acting(problem, i)))
+    return (
+        *bangs,
+        Mode("singular"),
+        *(Mode("boundary", c.name) for c in controlled_constraints(problem, i)),
+    )
 
 
 def arc_modes(problem: Problem) -> tuple[Modes, ...]:
@@ -34,13 +39,13 @@ def arc_modes(problem: Problem) -> tuple[Modes, ...]:
 
 def _possible(problem: Problem, modes: Modes) -> bool:
     try:
-        laws.arc_law(problem, modes)
+        arc_law(problem, modes)
     except MethodError:
         return False
     return True
 
 
-def values(
+def law_values(
     problem: Problem, modes: Modes, x: np.ndarray, costate: np.ndarray, t: np.ndarray, p: np.ndarray
 ) -> np.ndarray:
     """Return the controls (nu, n) that the law of an arc gives at x (nx, n), costate (nx, n), t
@@ -49,14 +54,14 @@ def values(
     They are nan where the law needs a costate that is nan. Raises MethodError where there is no
     law.
     """
-    given = costate if laws.arc_law(problem, modes).costate else np.nan_to_num(costate)
-    return along(_law_function(problem, modes), x, given, t, p)[0]
+    given = costate if arc_law(problem, modes).costate else np.nan_to_num(costate)
+    return evaluate(_law_function(problem, modes), x, given, t, p)[0]
 
 
 @once
 def _law_function(problem: Problem, modes: Modes) -> casadi.Function:
     symbols = [problem.x, problem.costate, time, problem.p]
-    control = laws.arc_law(problem, modes).control
+    control = arc_law(problem, modes).control
     return casadi.Function("law", symbols, [casadi.densify(control)])
 
 
@@ -66,7 +71,7 @@ def feedback_function(problem: Problem, modes: Modes) -> casadi.Function:
 
     Raises MethodError where there is no such law.
     """
-    law = laws.arc_law(problem, modes)
+    law = arc_law(problem, modes)
     if law.costate:
         raise MethodError("a law that depends on the costate is no feedback in the state")
     return casadi.Function("law", [problem.x, time, problem.p], [casadi.densify(law.control)])

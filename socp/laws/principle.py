@@ -11,18 +11,17 @@ import numpy as np
 
 from socp.errors import MethodError
 from socp.laws import elimination as eliminate
-from socp.laws import probes as sampled
-from socp.laws import setting as extremal
-from socp.laws.brackets import extended
-from socp.laws.contacts import followed
-from socp.laws.setting import Contact, Setting
-from socp.laws.singular import Chain, chain, matrix_of
-from socp.model import Expr, Mode, Modes, Problem, column, once, recalled
+from socp.laws import probes
+from socp.laws.brackets import extended_costate
+from socp.laws.contacts import constraint_of
+from socp.laws.setting import Contact, Setting, contact, equations
+from socp.laws.singular import Derivatives, derivatives, matrix_of
+from socp.model import Expr, Mode, Modes, Problem, cached, column, once
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Extremal:
+class ArcPrinciple:
     """What Pontryagin's principle says on an arc, in x, lambda (`problem.costate`), t, p and the
     constant controls.
 
@@ -49,15 +48,15 @@ class Extremal:
     legendre_clebsch: Expr
     equations: Expr
     points: np.ndarray
-    chain: tuple[Setting, Chain] | None = None
+    derivatives: tuple[Setting, Derivatives] | None = None
 
     @property
     def surface(self) -> Expr:
         """Equations (j, 1) in x, t, p alone that follow for the states of a singular arc."""
-        return casadi.SX(0, 1) if self.chain is None else eliminate.surface(*self.chain)
+        return casadi.SX(0, 1) if self.derivatives is None else eliminate.surface(*self.derivatives)
 
 
-def extremal_arc(problem: Problem, modes: Modes) -> Extremal:
+def extremal_arc(problem: Problem, modes: Modes) -> ArcPrinciple:
     """Return all that the principle says on an arc with these modes; free controls count as known
     functions of time.
 
@@ -68,7 +67,7 @@ def extremal_arc(problem: Problem, modes: Modes) -> Extremal:
 
 def derive(
     problem: Problem, singular: tuple[str, ...] = (), boundary: Mapping[str, str] | None = None
-) -> Extremal:
+) -> ArcPrinciple:
     """Return what the principle says with some controls singular, some on constraints, the others
     constant.
 
@@ -96,7 +95,7 @@ def setting_of(
         if mode.kind in {"lower", "upper"}:
             value = problem.box[int(mode.kind == "upper"), i]
         elif mode.kind == "boundary":
-            boundary[i] = followed(problem, i, mode)
+            boundary[i] = constraint_of(problem, i, mode)
         elif mode.kind == "singular" and i in (given or {}):
             value = (given or {})[i]
         elif mode.kind == "singular":
@@ -107,7 +106,7 @@ def setting_of(
     return Setting(problem, column(values), tuple(singular), boundary, column(varying))
 
 
-def arc(problem: Problem, modes: Modes, *, constant: bool) -> Extremal:
+def arc(problem: Problem, modes: Modes, *, constant: bool) -> ArcPrinciple:
     """Return what the principle says on an arc; free controls are constants, or functions of time
     that vary freely.
     """
@@ -117,20 +116,18 @@ def arc(problem: Problem, modes: Modes, *, constant: bool) -> Extremal:
     return found
 
 
-def forget(problem: Problem) -> None:
-    """Forget the arcs for which no law was found: points noted since (`socp.laws.probes.note`) may
-    show one.
-    """
-    known = recalled(problem, _found)
+def forget_derivation(problem: Problem) -> None:
+    """Forget the arcs for which no law was found: points noted since then may show one."""
+    known = cached(problem, _found)
     for key in [key for key, found in known.items() if isinstance(found, MethodError)]:
         del known[key]
 
 
 @once
-def _found(problem: Problem, modes: Modes, constant: bool) -> Extremal | MethodError:
+def _found(problem: Problem, modes: Modes, constant: bool) -> ArcPrinciple | MethodError:
     try:
         setting = setting_of(problem, modes, constant=constant)
-        touch = extremal.contact(setting)
+        touch = contact(setting)
         if setting.singular:
             return _with_singular(setting, touch)
         return _without_singular(setting, touch)
@@ -138,12 +135,12 @@ def _found(problem: Problem, modes: Modes, constant: bool) -> Extremal | MethodE
         return error
 
 
-def _without_singular(setting: Setting, touch: Contact) -> Extremal:
-    z = extended(setting.problem)
+def _without_singular(setting: Setting, touch: Contact) -> ArcPrinciple:
+    z = extended_costate(setting.problem)
     conditions = column(casadi.mtimes(row, z) for row in touch.rows)
-    equations = extremal.equations(setting, touch, touch.rows)
-    points = sampled.onto(setting.problem, equations, sampled.admissible(setting.problem))
-    return Extremal(
+    kept = equations(setting, touch, touch.rows)
+    points = probes.onto(setting.problem, kept, probes.admissible(setting.problem))
+    return ArcPrinciple(
         control=touch.control,
         feedback=touch.control,
         hamiltonian=False,
@@ -153,18 +150,18 @@ def _without_singular(setting: Setting, touch: Contact) -> Extremal:
         multipliers=_multipliers(touch, z, {}),
         costate_rate=_costate_rate(touch, z),
         legendre_clebsch=casadi.SX(0, 0),
-        equations=equations,
+        equations=kept,
         points=points,
     )
 
 
-def _with_singular(setting: Setting, touch: Contact) -> Extremal:
-    problem, z = setting.problem, extended(setting.problem)
-    found = chain(setting, touch)
+def _with_singular(setting: Setting, touch: Contact) -> ArcPrinciple:
+    problem, z = setting.problem, extended_costate(setting.problem)
+    found = derivatives(setting, touch)
     law, feedback = eliminate.with_costate(setting, found), eliminate.feedback(setting, found)
     names = [problem.control_names[i] for i in setting.singular]
     put = {"symbols": setting.unknown, "values": law}
-    return Extremal(
+    return ArcPrinciple(
         control=casadi.substitute(touch.control, setting.unknown, law),
         feedback=None
         if feedback is None
@@ -177,9 +174,9 @@ def _with_singular(setting: Setting, touch: Contact) -> Extremal:
         multipliers=_multipliers(touch, z, put),
         costate_rate=casadi.substitute(_costate_rate(touch, z), setting.unknown, law),
         legendre_clebsch=_legendre_clebsch(found, z),
-        equations=extremal.equations(setting, touch, found.rows),
+        equations=equations(setting, touch, found.rows),
         points=found.points,
-        chain=(setting, found),
+        derivatives=(setting, found),
     )
 
 
@@ -196,7 +193,7 @@ def _costate_rate(touch: Contact, z: Expr) -> Expr:
     return casadi.mtimes(touch.flow.matrix, z)[: z.numel() - 1]
 
 
-def _legendre_clebsch(found: Chain, z: Expr) -> Expr:
+def _legendre_clebsch(found: Derivatives, z: Expr) -> Expr:
     """Return (-1)^q d/du sigma^(2q) over the singular controls (s, s): positive semidefinite where
     H is minimised.
     """

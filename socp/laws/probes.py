@@ -7,7 +7,7 @@ from collections.abc import Callable
 import casadi
 import numpy as np
 
-from socp.laws.drawing import ends, reached
+from socp.laws.drawing import guessed_ends, reachable_points
 from socp.model import TINY, Expr, Problem, once, time
 
 COUNT = 24  # points; a false "zero" would need chance to strike at most of them
@@ -82,10 +82,10 @@ def admissible(problem: Problem, count: int = COUNT) -> np.ndarray:
     return _reached(problem, count).copy()
 
 
-_reached = once(reached)
+_reached = once(reachable_points)
 
 
-def scattered(problem: Problem) -> np.ndarray:
+def scattered_points(problem: Problem) -> np.ndarray:
     """Return many points (nv, n), states of two in three nearer to where they start, or to their
     bound or else zero.
 
@@ -93,7 +93,7 @@ def scattered(problem: Problem) -> np.ndarray:
     where their state is small, and motions seldom stay there.
     """
     points, nx = admissible(problem, _MANY), problem.x.numel()
-    start, low = ends(problem)[0], problem.state_box[0]
+    start, low = guessed_ends(problem)[0], problem.state_box[0]
     random = np.random.default_rng(4)
     for k, place in enumerate((start, np.where(np.isfinite(low), low, 0.0))):
         away = points[1 : 1 + nx, k::3] - place[:, None]
@@ -103,14 +103,14 @@ def scattered(problem: Problem) -> np.ndarray:
     return points
 
 
-def note(problem: Problem, points: np.ndarray) -> None:
+def note_points(problem: Problem, points: np.ndarray) -> None:
     """Keep points (nv, n) that a solution of the problem shows: laws are looked for from them
     too.
     """
     _noted(problem).append(points)
 
 
-def noted(problem: Problem) -> tuple[np.ndarray, ...]:
+def noted_points(problem: Problem) -> tuple[np.ndarray, ...]:
     """Return the points (nv, n) kept of solutions, the latest first."""
     return tuple(reversed(_noted(problem)))
 
@@ -172,7 +172,7 @@ def onto(
     return _within(problem, points[:, arrived])
 
 
-def touching(problem: Problem, held: Expr) -> np.ndarray:
+def points_on(problem: Problem, held: Expr) -> np.ndarray:
     """Return admissible points (nv, k) on state equations `held` = 0 (m, 1), however far they have
     to be moved.
     """
@@ -180,12 +180,12 @@ def touching(problem: Problem, held: Expr) -> np.ndarray:
     near = onto(problem, held, points)
     if near.shape[1]:
         return near
-    for k, value in fixed(problem, held).items():
+    for k, value in fixed_states(problem, held).items():
         points[1 + k] = value
     return onto(problem, held, points, far=np.inf)
 
 
-def fixed(problem: Problem, held: Expr) -> dict[int, float]:
+def fixed_states(problem: Problem, held: Expr) -> dict[int, float]:
     """Return the states, by number, that equations `held` (m, 1) fix one by one, as v = 2 does, and
     their values.
     """

@@ -12,11 +12,11 @@ import casadi
 import numpy as np
 
 from socp.errors import MethodError
-from socp.laws import probes as sampled
+from socp.laws import probes
 from socp.laws.algebra import cramer, primitive, ratio
 from socp.laws.brackets import (
     Flow,
-    extended,
+    extended_costate,
     flow,
     hamiltonian_row,
     hamiltonian_value,
@@ -111,17 +111,17 @@ def tower(
         else column(s for s in casadi.vertsplit(problem.u) if casadi.depends_on(given, s))
     )
     held = [constraint.expression]
-    at = sampled.touching(problem, column(held))
+    at = probes.points_on(problem, column(held))
     for _ in range(DEEPEST):
         derivative = motion.of_state(held[-1])
         slopes = casadi.jacobian(derivative, unknown)
-        if slopes.nnz() and (not at.shape[1] or sampled.nonzero(problem, slopes, at).any()):
+        if slopes.nnz() and (not at.shape[1] or probes.nonzero(problem, slopes, at).any()):
             return held, derivative
         derivative = casadi.substitute(derivative, unknown, 0) if slopes.nnz() else derivative
-        if not sampled.nonzero(problem, derivative, at).any():
+        if not probes.nonzero(problem, derivative, at).any():
             break
         held.append(derivative)
-        at = sampled.onto(problem, column(held), at)
+        at = probes.onto(problem, column(held), at)
         if not at.shape[1]:
             break
     raise MethodError(
@@ -147,9 +147,9 @@ def contact(setting: Setting) -> Contact:
         tops.append(top)
     matrix = casadi.jacobian(column(tops), own)
     held = column(e for held in towers.values() for e in held)
-    at = sampled.touching(problem, held)
+    at = probes.points_on(problem, held)
     numerators, denominator = cramer(matrix, -casadi.substitute(column(tops), own, 0))
-    if len(towers) < len(setting.boundary) or not sampled.nonzero(problem, denominator, at).all():
+    if len(towers) < len(setting.boundary) or not probes.nonzero(problem, denominator, at).all():
         raise MethodError(
             f"{setting.name()}: the constraints do not determine these controls one by one"
         )
@@ -164,7 +164,7 @@ def _held_fixed(problem: Problem, held: Expr, laws: Expr) -> Expr:
     """Put numbers in place of the states that the equations `held` (m, 1) fix one by one: on u = 2
     a law u |u| is 4.
     """
-    for k, value in sampled.fixed(problem, held).items():
+    for k, value in probes.fixed_states(problem, held).items():
         laws = casadi.substitute(laws, problem.x[k], value)
     return laws
 
@@ -177,8 +177,8 @@ def _tower(setting: Setting, j: int, constraint: Constraint) -> tuple[list[Expr]
     held, top = tower(problem, constraint)
     with suppress(MethodError):  # other controls act on it, and these are known here
         held, top = tower(problem, constraint, setting.given)
-    at = sampled.touching(problem, column(held))
-    slopes = sampled.nonzero(problem, casadi.jacobian(top, problem.u), at)[0]
+    at = probes.points_on(problem, column(held))
+    slopes = probes.nonzero(problem, casadi.jacobian(top, problem.u), at)[0]
     if not slopes[j]:
         others = ", ".join(
             name for name, its in zip(problem.control_names, slopes, strict=True) if its
@@ -196,7 +196,7 @@ def _multipliers(setting: Setting, free: Contact) -> Contact:
     """
     problem, n = setting.problem, setting.problem.x.numel()
     slopes = casadi.jacobian(column(c.expression for c in setting.boundary.values()), problem.x)
-    at = sampled.touching(problem, free.held)
+    at = probes.points_on(problem, free.held)
     rows, tops, pulls = [], [], []
     for j in setting.boundary:
         row = switching_row(problem, j)
@@ -204,7 +204,7 @@ def _multipliers(setting: Setting, free: Contact) -> Contact:
             rows.append(row)
             pull = casadi.mtimes(row[:n], slopes.T)
             top = free.flow.of_row(row)
-            if pull.nnz() and sampled.nonzero(problem, pull, at).any():
+            if pull.nnz() and probes.nonzero(problem, pull, at).any():
                 break
             row = _without(setting, top, at)
         else:
@@ -229,8 +229,8 @@ def _without(setting: Setting, row: Expr, at: np.ndarray) -> Expr:
     """
     unknown, problem = setting.unknown, setting.problem
     if casadi.depends_on(row, casadi.vertcat(unknown, setting.varying)):
-        value = casadi.mtimes(row, extended(problem))
-        if sampled.nonzero(
+        value = casadi.mtimes(row, extended_costate(problem))
+        if probes.nonzero(
             problem, casadi.jacobian(value, casadi.vertcat(unknown, setting.varying)), at
         ).any():
             raise MethodError(
@@ -249,9 +249,9 @@ def equations(setting: Setting, touch: Contact, rows: Sequence[Expr]) -> Expr:
     """
     problem = setting.problem
     stack = casadi.vertcat(*rows, *setting.energy)
-    found = casadi.vertcat(casadi.mtimes(stack, extended(problem)), touch.held)
+    found = casadi.vertcat(casadi.mtimes(stack, extended_costate(problem)), touch.held)
     if homogeneous(problem):
-        size = sampled.spread(problem)[1 + problem.x.numel() + problem.p.numel() :][
+        size = probes.spread(problem)[1 + problem.x.numel() + problem.p.numel() :][
             : problem.x.numel()
         ]
         found = casadi.vertcat(found, casadi.sumsqr(problem.costate / size) - 1)
@@ -265,7 +265,7 @@ def homogeneous(problem: Problem) -> bool:
     return not casadi.sparsify(problem.lagrangian).nnz() and not hamiltonian_value(problem)
 
 
-def reduced(row: Expr) -> tuple[Expr, Expr]:
+def common_factor(row: Expr) -> tuple[Expr, Expr]:
     """Return (factor, row / factor) where entries share a factor; a lone entry of the constant
     column keeps its own.
     """

@@ -14,8 +14,8 @@ from typing import Any, final
 import casadi
 import numpy as np
 
-from socp.laws import probes as sampled
-from socp.model import AREA, ARITHMETIC, HYPERBOLIC, TRIGONOMETRIC, Expr, Problem, coded
+from socp.laws import probes
+from socp.model import AREA, ARITHMETIC, HYPERBOLIC, TRIGONOMETRIC, Expr, Problem, operation_names
 
 _SECONDS = 3.0  # for one formula; what is not simple by then is not going to be
 _LARGEST = 150  # operations of a formula that is simplified in full where no timer can stop it
@@ -25,7 +25,7 @@ _SAME = 1e-9  # relative difference that two ways to evaluate one formula may ha
 _LARGE = 1e4  # numbers in a sum above which they are divided by the least of them
 _OPERATIONS: dict[int, str | Callable[..., Any]] = {
     **ARITHMETIC,
-    **coded("log", "sqrt", *TRIGONOMETRIC, *HYPERBOLIC, *AREA, "sign"),
+    **operation_names("log", "sqrt", *TRIGONOMETRIC, *HYPERBOLIC, *AREA, "sign"),
     casadi.OP_FABS: "Abs",
 }
 
@@ -91,7 +91,7 @@ def _candidates(expression: Any, size: int) -> Iterator[Any]:
 
 
 def _same(problem: Problem, before: Expr, after: Expr, points: np.ndarray) -> bool:
-    a, b = (values.ravel() for values in sampled.evaluator(problem, before, after)(points))
+    a, b = (values.ravel() for values in probes.evaluator(problem, before, after)(points))
     a, b = a[np.isfinite(a)], b[np.isfinite(a)]
     alike = (
         np.abs(a - b) <= _SAME * (np.median(np.abs(a)) + np.abs(a))

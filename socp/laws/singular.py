@@ -10,11 +10,11 @@ from typing import final
 import casadi
 import numpy as np
 
-from socp.laws import probes as sampled
-from socp.laws.brackets import extended
-from socp.laws.invariant import closed
-from socp.laws.links import Link, LostError, Search, begun, differentiated
-from socp.laws.setting import Contact, Setting, homogeneous, reduced
+from socp.laws import probes
+from socp.laws.brackets import extended_costate
+from socp.laws.invariant import spans
+from socp.laws.links import Link, LostError, Search, begun, differentiate
+from socp.laws.setting import Contact, Setting, common_factor, homogeneous
 from socp.model import Expr, Problem
 
 _QUORUM = 2  # points at which a control has to appear: one might be chance
@@ -24,7 +24,7 @@ _BRANCHES = 24  # ways of going on that are tried from one set of points
 
 @final
 @dataclass(frozen=True, eq=False)
-class Chain:
+class Derivatives:
     """What the singular controls of an arc satisfy.
 
     `rows` (each (1, nx + 1)) vanish on the arc; the controls solve `slopes` u = -`rest`, entries
@@ -41,7 +41,7 @@ class Chain:
     points: np.ndarray
 
 
-def chain(setting: Setting, touch: Contact) -> Chain:
+def derivatives(setting: Setting, touch: Contact) -> Derivatives:
     """Differentiate sigma of every singular control until singular controls appear in all of them.
 
     Where the surface of the conditions has several branches, each is followed until one shows a
@@ -59,7 +59,7 @@ def chain(setting: Setting, touch: Contact) -> Chain:
             first = first or error
             continue
         parts = [found.solved[i] for i in setting.singular]
-        return Chain(
+        return Derivatives(
             rows=list(found.rows),
             rest=[a for a, _, _ in parts],
             slopes=[b for _, b, _ in parts],
@@ -75,9 +75,9 @@ def _sources(problem: Problem) -> Iterator[np.ndarray]:
     """Yield points (nv, n) to begin from: those that solutions show, random ones, and many of them
     scattered widely.
     """
-    yield from sampled.noted(problem)
-    yield sampled.admissible(problem)
-    yield sampled.scattered(problem)
+    yield from probes.noted_points(problem)
+    yield probes.admissible(problem)
+    yield probes.scattered_points(problem)
 
 
 def _followed(search: Search, budget: list[int]) -> Search:
@@ -85,7 +85,7 @@ def _followed(search: Search, budget: list[int]) -> Search:
     first.
     """
     if not search.now and search.left:
-        search = differentiated(search)
+        search = differentiate(search)
     if not search.now:
         return _solvable(search)
     held, left = _sorted(search)
@@ -172,7 +172,7 @@ def _largest(search: Search, which: np.ndarray) -> int:
     """
     problem = search.setting.problem
     nx, first = problem.x.numel(), 1 + problem.x.numel() + problem.p.numel()
-    size = sampled.spread(problem)[first : first + nx]
+    size = probes.spread(problem)[first : first + nx]
     return int(
         np.argmax(np.median(np.abs(search.points[first : first + nx, which]), axis=1) / size)
     )
@@ -182,12 +182,12 @@ def _factored(search: Search, row: Expr) -> Iterator[tuple[Expr, Expr]]:
     """Yield (factor, row) for every way in which a row may vanish: without its common factor, then
     that factor.
     """
-    factor, short = reduced(row)
+    factor, short = common_factor(row)
     yield factor, short
     if not factor.is_constant():
         alone = casadi.SX(1, row.numel())
         alone[row.numel() - 1] = factor
-        yield casadi.mtimes(short, extended(search.setting.problem)), casadi.sparsify(alone)
+        yield casadi.mtimes(short, extended_costate(search.setting.problem)), casadi.sparsify(alone)
 
 
 def _nothing(search: Search, held: int) -> LostError:
@@ -217,7 +217,7 @@ def _nothing(search: Search, held: int) -> LostError:
 
 def _closed(search: Search) -> bool:
     _, rest, slopes = next(iter(search.now.values()))
-    return closed(search.setting, search.touch, search.rows, [rest, *slopes])
+    return spans(search.setting, search.touch, search.rows, [rest, *slopes])
 
 
 def _nth(k: int) -> str:
@@ -246,7 +246,7 @@ def _solvable(search: Search) -> Search:
     return replace(search, points=search.points[:, where])
 
 
-def regular(setting: Setting, chain: Chain, points: np.ndarray) -> np.ndarray:
+def regular(setting: Setting, chain: Derivatives, points: np.ndarray) -> np.ndarray:
     """Tell at which points (n,) of the surface a chain determines its controls: on trivial branches
     it does not.
     """
@@ -254,8 +254,8 @@ def regular(setting: Setting, chain: Chain, points: np.ndarray) -> np.ndarray:
 
 
 def _determined(setting: Setting, slopes: list[list[Expr]], points: np.ndarray) -> np.ndarray:
-    matrix = sampled.evaluator(setting.problem, matrix_of(slopes, extended(setting.problem)))
-    return sampled.real(setting.problem, lambda at: np.linalg.det(matrix(at)[0]), points)
+    matrix = probes.evaluator(setting.problem, matrix_of(slopes, extended_costate(setting.problem)))
+    return probes.real(setting.problem, lambda at: np.linalg.det(matrix(at)[0]), points)
 
 
 def matrix_of(slopes: list[list[Expr]], z: Expr) -> Expr:

@@ -14,9 +14,9 @@ import numpy as np
 from socp.errors import ContractError
 from socp.laws import check_laws
 from socp.methods.contract import Method, check_options, options
-from socp.model import Arc, Problem, Solution, Stop, Watch, silent, useful
-from socp.process import breakable, give_way, held
-from socp.verdict import carrying, judge
+from socp.model import Arc, Problem, Solution, Stop, Watch, check_controls, silent
+from socp.process import breakable, give_way, signals_held
+from socp.verdict import judge, with_statement
 
 
 def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
@@ -28,7 +28,7 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
     controls that have no use, ContractError for a method that returns no solution of it.
     """
     check_options(method)
-    useful(problem)
+    check_controls(problem)
     check_laws(problem)
     solved: list[Solution] = []
     try:
@@ -38,18 +38,18 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
     except KeyboardInterrupt:
         if not solved:
             raise
-    with held():  # what has been solved is not lost for want of a judgement
-        solution = checked(method.name, problem, solved[0])
+    with signals_held():  # what has been solved is not lost for want of a judgement
+        solution = check_solution(method.name, problem, solved[0])
         solution = replace(
-            solution, method=method.name, options=described(method), versions=versions()
+            solution, method=method.name, options=option_values(method), versions=versions()
         )
-        solution = carrying(problem, solution)
+        solution = with_statement(problem, solution)
         with suppress(KeyboardInterrupt), breakable():
             return judge(problem, solution)
     return solution
 
 
-def checked(method: str, problem: Problem, found: Any) -> Solution:
+def check_solution(method: str, problem: Problem, found: Any) -> Solution:
     """Return what a method returned, if it can be a solution of the problem; ContractError says why
     it cannot.
     """
@@ -98,7 +98,7 @@ def _faults(problem: Problem, solution: Any) -> Iterator[str]:
         yield f"its states and controls are {solution.state_names} and {solution.control_names}"
 
 
-def described(method: Method) -> dict[str, Any]:
+def option_values(method: Method) -> dict[str, Any]:
     """Return the options of a method as plain values, those of a backend under its name:
     `ipopt.tol`.
     """

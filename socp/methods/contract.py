@@ -75,7 +75,7 @@ def check_options(method: Method) -> None:
             _in_range(place, value, each, whole=kind is int)
 
 
-def allowed(each: Field[Any], *, whole: bool) -> tuple[float | None, float | None]:
+def option_range(each: Field[Any], *, whole: bool) -> tuple[float | None, float | None]:
     """Return the least and the greatest value of an option that is a number, None where there is no
     limit.
     """
@@ -95,7 +95,7 @@ def _of(value: Any, kind: type) -> bool:
 
 
 def _in_range(place: str, value: float, each: Field[Any], *, whole: bool) -> None:
-    least, most = allowed(each, whole=whole)
+    least, most = option_range(each, whole=whole)
     if least is not None and value < least:
         raise MethodError(f"{place}={shown(value)}, but it must be at least {least}")
     if most is not None and value > most:
@@ -142,14 +142,14 @@ def _attempt(
     reduced = collocate(phased, meshes)
     start = reduced.push(guess)
     transcribed = time.perf_counter() - began
-    point = backend(reduced.problem, start, lifted(watch, reduced))
+    point = backend(reduced.problem, start, lifting_watch(watch, reduced))
     solution = reduced.lift(point)
     return replace(
         solution, seconds={**point.seconds, "build": point.seconds.get("build", 0.0) + transcribed}
     )
 
 
-def lifted(watch: Watch, reduced: Reduced[NLP, Solution, NLPPoint]) -> Watch:
+def lifting_watch(watch: Watch, reduced: Reduced[NLP, Solution, NLPPoint]) -> Watch:
     """Return a watch whose progress can be lifted to the solution that it stands for; a silent one
     stays silent.
     """
@@ -165,6 +165,6 @@ def lifted(watch: Watch, reduced: Reduced[NLP, Solution, NLPPoint]) -> Watch:
     return see
 
 
-def required(each: Field[Any]) -> bool:
+def is_required(each: Field[Any]) -> bool:
     """Tell whether an option has no default."""
     return each.default is MISSING

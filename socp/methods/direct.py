@@ -7,11 +7,11 @@ from itertools import chain, islice
 from typing import final
 
 from socp.errors import SolveError
-from socp.methods.contract import lifted
-from socp.methods.driving import driven, stretched
-from socp.methods.guess import scattered
+from socp.methods.contract import lifting_watch
+from socp.methods.driving import motions, other_horizons
+from socp.methods.guess import scattered_guesses
 from socp.model import Problem, Solution, Stop, Watch, silent
-from socp.process import left
+from socp.process import seconds_left
 from socp.solvers import Backend, default_backend
 from socp.transcription import collocate, radau_iia, single_phase, uniform
 
@@ -42,13 +42,13 @@ def scouts(
     return _Scouting(problem, watch).all(starting, rough)
 
 
-def recovered(
+def scouts_from_motions(
     problem: Problem, guess: Solution, watch: Watch = silent, backend: Backend | None = None
 ) -> list[Solution]:
     """Return what `scouts` does, from motions with constant controls and from other horizons: for
     where scattered guesses lead nowhere.
     """
-    starts = chain(driven(problem, guess), stretched(problem, guess))
+    starts = chain(motions(problem, guess), other_horizons(problem, guess))
     patient = (backend or default_backend()).within(_TOLERANCE).limited(_PATIENT)
     return _Scouting(problem, watch).all(starts, patient)
 
@@ -59,13 +59,13 @@ class _Scouting:
 
     def __init__(self, problem: Problem, watch: Watch) -> None:
         self.reduced = collocate(single_phase(problem), [uniform(radau_iia(2), _STEPS)])
-        self.watch = lifted(watch, self.reduced)
+        self.watch = lifting_watch(watch, self.reduced)
 
     def all(self, guesses: Iterator[Solution], backend: Backend) -> list[Solution]:
         """Return the extremals met, best first, or an interrupted solve alone."""
         met: list[tuple[Solution, int]] = []
         for start in guesses:
-            if left() <= 0.0:
+            if seconds_left() <= 0.0:
                 break
             try:
                 point = backend(self.reduced.problem, self.reduced.push(start), self.watch)
@@ -75,7 +75,7 @@ class _Scouting:
             if found.stop is Stop.INTERRUPTED:
                 return [found]
             if found.stop.ok:
-                met = counted(met, found)
+                met = count_in(met, found)
             if met and met[0][1] >= _MET:
                 break
         return [solution for solution, _ in met]
@@ -83,10 +83,10 @@ class _Scouting:
 
 def _guesses(problem: Problem, guess: Solution) -> Iterator[Solution]:
     yield guess
-    yield from scattered(problem, guess)
+    yield from scattered_guesses(problem, guess)
 
 
-def counted(met: list[tuple[Solution, int]], found: Solution) -> list[tuple[Solution, int]]:
+def count_in(met: list[tuple[Solution, int]], found: Solution) -> list[tuple[Solution, int]]:
     """Count one more solution among those met, clustered by objective, best first."""
     for k, (known, count) in enumerate(met):
         if abs(known.objective - found.objective) <= _ALIKE * (

@@ -22,7 +22,7 @@ _AWAY = 1e3  # times the states' magnitudes: what goes further has escaped, and 
 _NODES = 201  # samples of a motion; growth over many e-foldings happens at the end
 
 
-def driven(problem: Problem, guess: Solution, *, own: bool = False) -> Iterator[Solution]:
+def motions(problem: Problem, guess: Solution, *, own: bool = False) -> Iterator[Solution]:
     """Yield the motions from the start of a guess with constant controls, for one horizon after the
     other; own: for that of the guess alone.
 
@@ -37,7 +37,7 @@ def driven(problem: Problem, guess: Solution, *, own: bool = False) -> Iterator[
             yield from (each for _, each in sorted(made, key=lambda pair: pair[0]))
 
 
-def stretched(problem: Problem, guess: Solution) -> Iterator[Solution]:
+def other_horizons(problem: Problem, guess: Solution) -> Iterator[Solution]:
     """Yield a guess over other horizons, from 1/8 to 8 times its own, where the final time is
     free.
     """

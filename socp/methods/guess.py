@@ -9,7 +9,7 @@ from typing import Any
 import casadi
 import numpy as np
 
-from socp.laws import ends, travel_time
+from socp.laws import guessed_ends, travel_time
 from socp.model import (
     Arc,
     Mode,
@@ -35,7 +35,7 @@ def default_guess(problem: Problem) -> Solution:
     fast the box of controls can move the states over the distance they have to go.
     """
     first = _within(problem.guess.get(initial_time), problem.initial_time_box, 0.0)
-    x0, xf = ends(problem)
+    x0, xf = guessed_ends(problem)
     low, high = problem.final_time_box
     horizon = max(low - first, 0.0) if low == high else travel_time(problem, x0, xf, first)
     last = _within(problem.guess.get(final_time), problem.final_time_box, first + horizon)
@@ -88,7 +88,7 @@ def guess_of(
     )
 
 
-def scattered(problem: Problem, guess: Solution, seed: int = 0) -> Iterator[Solution]:
+def scattered_guesses(problem: Problem, guess: Solution, seed: int = 0) -> Iterator[Solution]:
     """Yield guesses without end, spread over what the problem's bounds and magnitudes allow, in
     opposite pairs.
 
@@ -152,7 +152,7 @@ def split(guess: Solution, lengths: list[float]) -> Solution:
     )
 
 
-def arranged(problem: Problem, solution: Solution, word: Word) -> Solution:
+def guess_along(problem: Problem, solution: Solution, word: Word) -> Solution:
     """Return a solution as a guess with the arcs of a word, cut where its controls fit the word
     best.
 

@@ -8,8 +8,8 @@ from typing import final
 import numpy as np
 
 from socp.model import TINY, Agreement, Problem, Solution
-from socp.transcription import Shooting, whole
-from socp.verdict import AWAY, Conditions, System, posed, steps_of
+from socp.transcription import Shooting, rejoin
+from socp.verdict import AWAY, Conditions, System, steps_of, word_problem
 
 _NEWTON = 8  # steps: from a collocated solution two or three do
 # Of the variables' magnitudes: a step below it is rounding, which may keep it at some times as much
@@ -27,7 +27,7 @@ def polished(problem: Problem, solution: Solution, points: int = 10) -> Solution
     an arc is the jump of the Hamiltonian. Its `agreement` is that of two meshes: with as many steps
     as the motion needs, and with twice as many.
     """
-    known = posed(problem, solution, points)
+    known = word_problem(problem, solution, points)
     steps = None if known is None else steps_of(known[0], known[1])
     if known is None or steps is None:
         return None
@@ -43,7 +43,7 @@ def polished(problem: Problem, solution: Solution, points: int = 10) -> Solution
         objective=abs(cost - settled.cost) / max(abs(cost), TINY),
         switches=float(np.abs(np.cumsum(moved[: 1 + len(phased.phases)])).max()),
     )
-    return replace(whole(finer.lifted(settled.at + moved, cost), pieces), agreement=agreement)
+    return replace(rejoin(finer.lifted(settled.at + moved, cost), pieces), agreement=agreement)
 
 
 @final

@@ -9,7 +9,16 @@ from typing import final
 from socp.methods.contract import solve_collocated
 from socp.model import OUTSIDE, Problem, Solution, Stop, Watch, Word, scales, silent
 from socp.solvers import Solver, default_backend
-from socp.transcription import PhasedProblem, follow, jointed, lgr, refined, tails, uniform, whole
+from socp.transcription import (
+    PhasedProblem,
+    cut_at_kinks,
+    follow,
+    lgr,
+    refined_meshes,
+    rejoin,
+    tails,
+    uniform,
+)
 from socp.verdict import verify
 
 # Of the re-integrated control: collocation of smooth motion at the default tolerance stays below
@@ -57,7 +66,7 @@ class Follower:
         if self.intervals or not sound(problem, solution):
             return solution
         cut = (
-            None if self.dwell else jointed(phased, solution, self.points)
+            None if self.dwell else cut_at_kinks(phased, solution, self.points)
         )  # a part of an arc may be shorter
         if cut is not None:
             parts, start, meshes, pieces = cut
@@ -65,7 +74,7 @@ class Follower:
             if found.stop is Stop.INTERRUPTED:
                 return replace(solution, stop=Stop.INTERRUPTED, message=found.message)
             if sound(problem, found):
-                return whole(self._refined(parts, found.after(solution), watch), pieces)
+                return rejoin(self._refined(parts, found.after(solution), watch), pieces)
         return self._refined(phased, solution, watch)
 
     def _refined(self, phased: PhasedProblem, solution: Solution, watch: Watch) -> Solution:
@@ -78,7 +87,7 @@ class Follower:
             near = max(float(tails(arc, scale).max()) for arc in solution.arcs) <= _NEAR * tolerance
             if near and verify(problem, solution)[0].worst <= _MISSED:
                 break  # another mesh costs more than this look
-            finer = refined(solution.arcs, scale, self.points, tolerance)
+            finer = refined_meshes(solution.arcs, scale, self.points, tolerance)
             if finer is None:
                 # Where the motion is not smooth the end of an interval is no better than its inside
                 tolerance /= 100.0

@@ -174,7 +174,7 @@ def expression(value: Any) -> str:
     return ""
 
 
-def raised(text: str) -> str:
+def hint_for(text: str) -> str:
     """Return what to write where Python or casadi raised an error of this text, empty where nothing
     is known.
     """

@@ -70,7 +70,7 @@ class Arc:
         return out
 
 
-def joined(arcs: Sequence[Arc]) -> Arc:
+def join(arcs: Sequence[Arc]) -> Arc:
     """Return neighbouring arcs of the same modes as one, with the intervals of all; a shared node
     is the later arc's.
 

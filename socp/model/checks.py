@@ -9,7 +9,7 @@ import numpy as np
 
 from socp.errors import ProblemError
 from socp.model import advice, keys, ranges, scene
-from socp.model.graph import not_affine, traced
+from socp.model.graph import fold, not_affine
 from socp.model.symbols import (
     Expr,
     final_time,
@@ -72,7 +72,7 @@ def validate(problem: "Problem") -> None:
         raise ProblemError(f"problem {keys.label(problem.name)}: {error}") from None
 
 
-def placed(problem: "Problem") -> Iterator[tuple[str, Expr]]:
+def placed_expressions(problem: "Problem") -> Iterator[tuple[str, Expr]]:
     """Yield (where it stands, expression) for everything but bounds, ends and guesses; relations as
     left - right.
     """
@@ -96,7 +96,7 @@ def placed(problem: "Problem") -> Iterator[tuple[str, Expr]]:
                 "target"
             )
         yield f"path '{name}'", left
-    yield from scene.placed(problem.scene)
+    yield from scene.scene_expressions(problem.scene)
 
 
 def _expressions(problem: "Problem") -> None:
@@ -104,7 +104,7 @@ def _expressions(problem: "Problem") -> None:
         raise ProblemError(
             "no objective: give minimise (a Mayer term) or running (an integrand), or both"
         )
-    for place, expression in placed(problem):
+    for place, expression in placed_expressions(problem):
         if not isinstance(expression, casadi.SX) and not is_number(expression):
             what = f"is not an expression (it is {a(expression)})"
             raise ProblemError(
@@ -132,13 +132,13 @@ def _finite(place: str, expression: Expr) -> None:
             raise ProblemError(f"{place}: {what}; {why}")
 
     symbols = casadi.vertcat(*casadi.symvar(expression))
-    traced(expression, symbols, lambda _place: None, looked_at, lambda *_given: None)
+    fold(expression, symbols, lambda _place: None, looked_at, lambda *_given: None)
 
 
 def _symbols(problem: "Problem") -> None:
     used = {s for e in expressions(problem) for s in casadi.symvar(e)}
     at_ends = {*(initial(state) for state in problem.dynamics), *_TIMES}
-    for place, expression in placed(problem):
+    for place, expression in placed_expressions(problem):
         ends = place == "minimise" or place.startswith("target")
         with_controls = place == "running" or place.startswith("dynamics")
         for symbol in casadi.symvar(casadi.SX(expression)):
@@ -239,7 +239,7 @@ def _acting(problem: "Problem") -> None:
             raise ProblemError(f"control '{name}' does nothing: {what}; leave it out")
 
 
-def useful(problem: "Problem") -> None:
+def check_controls(problem: "Problem") -> None:
     """Raise ProblemError for a problem that cannot be solved for its controls: without any, or with
     one for nothing.
 

@@ -7,7 +7,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 import casadi
 import numpy as np
 
-from socp.model.parts import Condition, Constraint
+from socp.model.parts import Constraint, EndCondition
 from socp.model.problem import Problem
 from socp.model.solution import Solution
 from socp.model.symbols import Expr, final_time, initial_time, time
@@ -28,7 +28,7 @@ def once(
 
     @wraps(function)
     def kept(owner: Owner, /, *args: Given.args, **kwargs: Given.kwargs) -> Found:
-        known = recalled(owner, function)
+        known = cached(owner, function)
         key = (*args, *kwargs.items())
         if key not in known:
             known[key] = function(owner, *args, **kwargs)
@@ -37,7 +37,7 @@ def once(
     return kept
 
 
-def recalled(owner: object, function: Callable[..., Found]) -> dict[tuple[Any, ...], Found]:
+def cached(owner: object, function: Callable[..., Found]) -> dict[tuple[Any, ...], Found]:
     """Return what a function worked out `once` for an owner, by the arguments after the owner."""
     name = f"{function.__module__}.{function.__qualname__}"
     known: dict[tuple[Any, ...], Found] = vars(owner).setdefault(name, {})
@@ -72,13 +72,13 @@ def mayer_slopes(problem: Problem) -> casadi.Function:
 
 
 @once
-def condition_function(problem: Problem, condition: Condition) -> casadi.Function:
+def condition_function(problem: Problem, condition: EndCondition) -> casadi.Function:
     """Return an end condition as a function of the symbols of the ends."""
     return casadi.Function("psi", end_symbols(problem), [condition.expression])
 
 
 @once
-def condition_slopes(problem: Problem, condition: Condition) -> casadi.Function:
+def condition_slopes(problem: Problem, condition: EndCondition) -> casadi.Function:
     """Return the slopes of an end condition, one a symbol of the ends, as a function of these."""
     return _slopes(problem, condition.expression)
 
@@ -107,7 +107,7 @@ def constraint_function(problem: Problem, constraint: Constraint) -> casadi.Func
     return casadi.Function("c", [problem.x, time, problem.p], [constraint.expression])
 
 
-def along(function: casadi.Function, *given: np.ndarray) -> list[np.ndarray]:
+def evaluate(function: casadi.Function, *given: np.ndarray) -> list[np.ndarray]:
     """Evaluate a function of columns (rows, n), times and parameters at n points.
 
     The last two of what is given are times (n,) and parameters, (np,) where they are the same

@@ -46,7 +46,7 @@ def not_affine(expression: Expr, u: Expr) -> Bent:
     Derivatives would not do: those of sign(u), or of if_else(u > 0, ..), vanish.
     """
     others = [s for s in casadi.symvar(expression) if not casadi.depends_on(s, u)]
-    found = traced(
+    found = fold(
         expression,
         casadi.vertcat(u, *others),
         lambda place: (frozenset({place} if place < u.numel() else ()), {}),
@@ -74,7 +74,7 @@ def _combined(operation: int, *given: tuple[Held, Bent]) -> tuple[Held, Bent]:
     return held, curved if keeps else {**dict.fromkeys(held, operation), **curved}
 
 
-def traced(
+def fold(
     expressions: Expr,
     symbols: Expr,
     of_symbol: Callable[[int], Any],
@@ -103,7 +103,7 @@ def traced(
     return found
 
 
-def walked(
+def interpret(
     expressions: Expr,
     symbols: Expr,
     values: Sequence[Any],
@@ -126,11 +126,11 @@ def walked(
             raise MethodError(f"the expression holds '{named}', which has no translation here")
         return called(*arguments)
 
-    found = traced(expressions, symbols, values.__getitem__, constant, applied)
+    found = fold(expressions, symbols, values.__getitem__, constant, applied)
     return [constant(0.0) if each is None else each for each in found]
 
 
-def coded(*names: str) -> dict[int, str]:
+def operation_names(*names: str) -> dict[int, str]:
     """Return the names of operations by casadi's codes."""
     return {int(getattr(casadi, f"OP_{name.upper()}")): name for name in names}
 

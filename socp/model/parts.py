@@ -19,7 +19,7 @@ class Constraint:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Condition:
+class EndCondition:
     """An end condition psi = 0 (equation) or psi <= 0 on x(t0), x(tf), t0, tf and the
     parameters.
     """

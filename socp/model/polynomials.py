@@ -10,7 +10,7 @@ import numpy as np
 from socp.model.tolerances import ROUNDED
 
 
-def merged(nodes: np.ndarray) -> bool:
+def coincident(nodes: np.ndarray) -> bool:
     """Tell whether nodes (p,) stand so close that rounding merges two of them, or turns their
     order.
     """
@@ -36,7 +36,7 @@ def lagrange(nodes: np.ndarray, values: np.ndarray, t: np.ndarray) -> np.ndarray
     span = float(np.ptp(nodes))
     if nodes.size == 1 or span == 0.0:
         return np.repeat(values[:, :1], t.size, axis=1)
-    if merged(nodes):
+    if coincident(nodes):
         return np.array([np.interp(t, nodes, row) for row in values])
     weights = barycentric(nodes)
     distance = t[:, None] - nodes[None, :]

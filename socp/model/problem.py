@@ -14,14 +14,13 @@ from socp.errors import ProblemError
 from socp.model import advice, checks, keys
 from socp.model.data import portable
 from socp.model.data.views import view
-from socp.model.parts import Condition, Constraint, Reference
+from socp.model.parts import Constraint, EndCondition, Reference
 from socp.model.ranges import interval, rows
 from socp.model.scene import Scene
 from socp.model.symbols import (
     Expr,
     column,
     controls,
-    declared,
     final_time,
     free,
     initial,
@@ -29,14 +28,15 @@ from socp.model.symbols import (
     parameters,
     relation,
     states,
+    symbols_of,
     time,
 )
 
 _TIMES = ("time", "t", "t0", "tf")  # names of the time and of its ends
 
 __all__ = [
-    "Condition",
     "Constraint",
+    "EndCondition",
     "Expr",
     "Problem",
     "Reference",
@@ -164,13 +164,13 @@ class Problem:
     @cached_property
     def u(self) -> Expr:
         """Controls as a column (nu, 1), in the order of their declaration."""
-        return column(symbol for symbol in declared("control") if symbol in self.bounds)
+        return column(symbol for symbol in symbols_of("control") if symbol in self.bounds)
 
     @cached_property
     def p(self) -> Expr:
         """Parameters as a column (np, 1), in the order of their declaration."""
         used = set(casadi.symvar(casadi.vertcat(*checks.expressions(self))))
-        return column(symbol for symbol in declared("parameter") if symbol in used)
+        return column(symbol for symbol in symbols_of("parameter") if symbol in used)
 
     @cached_property
     def costate(self) -> Expr:
@@ -291,10 +291,10 @@ class Problem:
         return tuple(found + named)
 
     @cached_property
-    def conditions(self) -> tuple[Condition, ...]:
+    def conditions(self) -> tuple[EndCondition, ...]:
         """The named end conditions of `target`."""
         return tuple(
-            Condition(name, *relation(c, f"target '{name}'")) for name, c in self.target.items()
+            EndCondition(name, *relation(c, f"target '{name}'")) for name, c in self.target.items()
         )
 
 

@@ -40,7 +40,7 @@ class Watch(Protocol):
         """Look at the progress."""
 
 
-def telling(watch: Watch, stage: str, word: str, best: Solution | None) -> Watch:
+def search_watch(watch: Watch, stage: str, word: str, best: Solution | None) -> Watch:
     """Return a watch that is told of the word a search is at and of its best solution so far too.
 
     A silent one stays silent: what nobody sees is not worked out.

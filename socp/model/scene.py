@@ -80,7 +80,7 @@ class Picture:
         if self.target is not None:
             cx, cy, radius = self.target
             seen = np.hstack([seen, [[cx - radius, cx + radius], [cy - radius, cy + radius]]])
-        return framed(seen, spatial=self.spatial)
+        return box_around(seen, spatial=self.spatial)
 
     @property
     def stretch(self) -> float:
@@ -89,7 +89,7 @@ class Picture:
         return float(width / height) if self.spatial else 1.0
 
 
-def own(problem: "Problem") -> Scene:
+def scene_of(problem: "Problem") -> Scene:
     """Return the problem's scene, or the phase plane of its first two states; of a single one,
     against time.
     """
@@ -101,7 +101,7 @@ def own(problem: "Problem") -> Scene:
 
 def picture(problem: "Problem", solution: "Solution", t: Any = None) -> Picture:
     """Return the scene along a solution at times t (n,), at the nodes where none are given."""
-    scene = own(problem)
+    scene = scene_of(problem)
     at = solution.t if t is None else np.asarray(t, dtype=float)
     x = solution.rows("x") if t is None else solution.at(at)
     path = _values(problem, solution, list(scene.plane), at, x)
@@ -124,7 +124,7 @@ def picture(problem: "Problem", solution: "Solution", t: Any = None) -> Picture:
     return _flowing(problem, solution, scene, found)
 
 
-def framed(points: np.ndarray, *, spatial: bool) -> np.ndarray:
+def box_around(points: np.ndarray, *, spatial: bool) -> np.ndarray:
     """Return the corners (2, 2) of a box around points (2, n), rows x and y; a spatial one is never
     a mere strip.
 
@@ -203,7 +203,7 @@ def check(scene: Any) -> None:
         _check_flow(scene)
 
 
-def placed(scene: Scene | None) -> Iterator[tuple[str, Expr]]:
+def scene_expressions(scene: Scene | None) -> Iterator[tuple[str, Expr]]:
     """Yield (where it stands, expression) for everything in a scene."""
     if scene is not None:
         yield from (("scene plane", each) for each in scene.plane)

@@ -77,7 +77,7 @@ def is_symbol(expression: Any) -> bool:
     )
 
 
-def declared(kind: Role) -> list[Expr]:
+def symbols_of(kind: Role) -> list[Expr]:
     """Return all symbols of one role in the order of their declaration."""
     return [symbol for symbol, its in _ROLES.items() if its == kind]
 

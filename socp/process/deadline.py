@@ -11,7 +11,7 @@ _UNTIL: ContextVar[float] = ContextVar("until", default=float("inf"))
 
 
 @contextmanager
-def within(seconds: float) -> Iterator[None]:
+def time_limit(seconds: float) -> Iterator[None]:
     """Allow what runs inside so many seconds, and never more than what is allowed around it."""
     token = _UNTIL.set(min(_UNTIL.get(), time.monotonic() + seconds))
     try:
@@ -20,6 +20,6 @@ def within(seconds: float) -> Iterator[None]:
         _UNTIL.reset(token)
 
 
-def left() -> float:
+def seconds_left() -> float:
     """Return the seconds that are left, at least 0; infinite where no time is set."""
     return max(_UNTIL.get() - time.monotonic(), 0.0)

@@ -77,7 +77,7 @@ def listening(*, to_the_end: bool = False) -> Iterator[None]:
 
 
 @contextmanager
-def held() -> Iterator[None]:
+def signals_held() -> Iterator[None]:
     """Hold signals back: they are heard, and raise nothing here."""
     _HEARD.held += 1
     try:

@@ -17,7 +17,7 @@ _INSIDE: list[
 
 
 @contextlib.contextmanager
-def aside() -> Iterator[None]:
+def output_discarded() -> Iterator[None]:
     """Discard what the body prints to descriptor 1; what Python's `sys.stdout` holds is not lost.
 
     A descriptor belongs to the whole process: of several threads the first one in turns it away and

@@ -1,12 +1,12 @@
-from .calls import aside as aside
 from .calls import civil as civil
+from .calls import prints_aside as prints_aside
 from .entries import Plugin as Plugin
 from .entries import explain as explain
 from .entries import origin as origin
 from .entries import reason as reason
 from .entries import suggest as suggest
 from .hooks import hookimpl as hookimpl
-from .loading import fitting as fitting
+from .loading import check_guess as check_guess
 from .loading import load_guess as load_guess
 from .loading import load_problem as load_problem
 from .plugins import PluginError as PluginError

@@ -19,7 +19,7 @@ LIMIT = 60.0
 _STREAMS = (1, 2)  # standard output and standard error
 
 
-def called(act: Callable[..., T], *given: Any, **named: Any) -> T:
+def invoke(act: Callable[..., T], *given: Any, **named: Any) -> T:
     """Return what a plugin's function returns; raises what it raises.
 
     Raises ContractError where it raises what no function may (SystemExit, KeyboardInterrupt and the
@@ -36,7 +36,7 @@ def called(act: Callable[..., T], *given: Any, **named: Any) -> T:
             raised.append(error)
 
     thread = threading.Thread(target=contextvars.copy_context().run, args=(work,), daemon=True)
-    with aside():
+    with prints_aside():
         thread.start()
         thread.join(LIMIT)
     if thread.is_alive():
@@ -55,7 +55,7 @@ def civil(error: BaseException) -> Exception:
 
 
 @contextmanager
-def aside() -> Iterator[None]:
+def prints_aside() -> Iterator[None]:
     """Have what Python prints go to standard error, and standard streams that were closed in the
     body opened again.
 

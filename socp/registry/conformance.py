@@ -13,7 +13,7 @@ import casadi
 import numpy as np
 
 from socp.errors import SocpError
-from socp.methods import Method, check_options, default_guess, described
+from socp.methods import Method, check_options, default_guess, option_values
 from socp.model import (
     OUTSIDE,
     SAME_TIME,
@@ -277,7 +277,7 @@ def _accuracy(
 
 def _file(method: Method, solution: Solution) -> Iterator[tuple[str, str]]:
     try:
-        text = replace(solution, method=method.name, options=described(method)).to_json()
+        text = replace(solution, method=method.name, options=option_values(method)).to_json()
         if Solution.from_json(text).to_json() != text:
             yield "file", "the result file does not read back as it was written"
     except (SocpError, ValueError, TypeError) as error:

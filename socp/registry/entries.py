@@ -136,9 +136,9 @@ def reason(error: BaseException) -> str:
     text = short(str(error.msg)) if isinstance(error, SyntaxError) else said(error)
     if isinstance(error, SocpError):
         return str(error)
-    from socp.model import raised  # late: it needs casadi, and lists do not
+    from socp.model import hint_for  # late: it needs casadi, and lists do not
 
-    hint = raised(text)
+    hint = hint_for(text)
     kind = "" if isinstance(error, pluggy.PluginValidationError) else type(error).__name__
     return ": ".join(filter(None, (kind, text))) + (f"; {hint}" if hint else "")
 

@@ -21,7 +21,7 @@ _LARGEST = 50_000_000  # bytes of a problem file; what is longer was not written
 _started: list[threading.Thread] = []  # by problem files, and not ended by them
 
 
-def compiled(path: Path) -> CodeType:
+def code_of(path: Path) -> CodeType:
     """Return the code of a problem file; ProblemError says why it cannot be read, or is no
     Python.
     """

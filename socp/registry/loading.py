@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from socp.errors import ProblemError, SolveError
 from socp.process import a, said, short
 from socp.registry.entries import line_of, reason, suggest
-from socp.registry.executing import compiled, execute
+from socp.registry.executing import code_of, execute
 from socp.registry.plugins import Registry
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def load_file(path: Path, name: str = "problem") -> "Problem":
     module = ModuleType(f"socp_problem_{path.stem}")
     module.__file__ = str(path)
     try:
-        code = compiled(path)
+        code = code_of(path)
         execute(code, module, path.parent)
     except (ProblemError, KeyboardInterrupt) as error:
         if isinstance(error, KeyboardInterrupt) or line_of(error, str(path)) is None:
@@ -62,13 +62,13 @@ def load_guess(path: str, problem: "Problem") -> "Solution":
 
     from socp.model import Solution
 
-    guess = fitting(path, Solution.load(path), problem)
+    guess = check_guess(path, Solution.load(path), problem)
     if not all(np.isfinite(each).all() for arc in guess.arcs for each in (arc.x, arc.u)):
         raise SolveError(f"{path}: states or controls in it are not finite; it is no guess")
     return guess
 
 
-def fitting(path: str, guess: "Solution", problem: "Problem") -> "Solution":
+def check_guess(path: str, guess: "Solution", problem: "Problem") -> "Solution":
     """Return a saved result as it is; SolveError where its states, controls or parameters are not
     the problem's.
     """

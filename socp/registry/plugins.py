@@ -15,7 +15,7 @@ import pluggy
 from socp.errors import MethodError, ProblemError, SocpError, SolveError
 from socp.process import short
 from socp.registry import hooks as hookspecs
-from socp.registry.calls import called
+from socp.registry.calls import invoke
 from socp.registry.entries import (
     PLUGINS,
     PROBLEMS,
@@ -161,12 +161,12 @@ class Registry:
 
     def solved(self, problem: "Problem", solution: "Solution") -> list[str]:
         """Call the listeners, each by itself; returns one line for each that raised."""
-        from socp.registry.recorder import sealed
+        from socp.registry.recorder import read_only
 
         complaints = []
         for plugin, call in self._calls("socp_solved"):
             try:
-                called(call, problem=problem, solution=sealed(solution))
+                invoke(call, problem=problem, solution=read_only(solution))
             except Exception as error:  # noqa: BLE001 - a listener's fault is not the solve's
                 complaints.append(
                     f"{plugin.who}: socp_solved: {explain(error, origin(plugin.target))}"
@@ -187,7 +187,7 @@ class Registry:
         for plugin, call in self._calls("socp_recorder"):
             explained = partial(_explained, plugin, "not recorded")
             try:
-                answers = called(call, problem=problem, path=path, live=live, runs=runs)
+                answers = invoke(call, problem=problem, path=path, live=live, runs=runs)
             except Exception as error:  # noqa: BLE001 - a recorder's fault is not the solve's
                 complaints.append(explained(error))
                 continue
@@ -208,7 +208,7 @@ class Registry:
         for plugin, call in self._calls("socp_viewer"):
             explained = partial(_explained, plugin, "not shown")
             try:
-                found = called(call)
+                found = invoke(call)
             except Exception as error:  # noqa: BLE001 - the next plugin may have one
                 complaints.append(explained(error))
                 continue
@@ -281,7 +281,7 @@ def _load(
 ) -> Plugin:
     """Load one plugin on trial, admit it to the manager, and return what became of it."""
     try:
-        module, hooks, accepted, refusals = called(_tried, point, dict(methods))
+        module, hooks, accepted, refusals = invoke(_tried, point, dict(methods))
     except Exception as error:  # noqa: BLE001 - one broken plugin stops nothing
         return replace(
             plugin, status="failed", reason=explain(error, origin(point.value)), error=error

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Protocol, final
 
-from socp.registry.calls import called
+from socp.registry.calls import invoke
 
 if TYPE_CHECKING:
     from socp.model import Problem, Progress, Solution
@@ -43,7 +43,7 @@ class Guarded:
     def finish(self, problem: "Problem", solution: "Solution") -> None:
         """Record a solution."""
         if self.recorder is not None:
-            self._tried(self.recorder.finish, problem, sealed(solution))
+            self._tried(self.recorder.finish, problem, read_only(solution))
 
     def close(self) -> bool:
         """Complete the recording, and tell whether it is whole."""
@@ -55,13 +55,13 @@ class Guarded:
 
     def _tried(self, act: Callable[..., None], *given: Any) -> None:
         try:
-            called(act, *given)
+            invoke(act, *given)
         except Exception as error:  # noqa: BLE001 - a recorder's fault is not the solve's
             self.complaints.append(self.explain(error))
             self.recorder = None
 
 
-def sealed(solution: "Solution") -> "Solution":
+def read_only(solution: "Solution") -> "Solution":
     """Return a copy of a solution for strangers: its arrays cannot be written to, and nothing else
     in it is shared.
     """

@@ -9,7 +9,7 @@ from typing import Any, Protocol, final
 
 from socp.errors import ContractError, SolveError
 from socp.process import shown
-from socp.registry.calls import aside, civil
+from socp.registry.calls import civil, prints_aside
 
 
 class Viewer(Protocol):
@@ -53,7 +53,7 @@ class Screen:
 
     def _tried(self, act: Callable[..., Any], *given: Any) -> Any:
         try:
-            with aside():
+            with prints_aside():
                 return act(*given)
         except (SolveError, KeyboardInterrupt):
             raise

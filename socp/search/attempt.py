@@ -12,7 +12,7 @@ import numpy as np
 from socp.errors import MethodError, SolveError
 from socp.methods import solve_collocated, sound
 from socp.model import SAME_TIME, Problem, Solution, Watch, Word, silent
-from socp.search.candidate import Candidate, merged, planted, without
+from socp.search.candidate import Candidate, insert_modes, merged, without_short_arcs
 from socp.search.effort import Ration
 from socp.solvers import Backend
 from socp.transcription import PhasedProblem, follow, lgr, uniform
@@ -80,7 +80,7 @@ def staggered(now: Candidate) -> Iterator[Candidate]:
         for i, (a, b) in enumerate(zip(before, after, strict=True)):
             between = (*before[:i], b, *before[i + 1 :])
             if a != b and between != after:
-                yield planted(
+                yield insert_modes(
                     now, between, now.edges[k + 1] - SAME_TIME * (now.edges[-1] - now.edges[0])
                 )
 
@@ -91,4 +91,4 @@ def trimmed(now: Candidate) -> Candidate | None:
     shortest = float(lengths.min())
     if len(now.arcs) < 2 or shortest > _TINY * float(lengths.sum()):
         return None
-    return merged(without(now, shortest))
+    return merged(without_short_arcs(now, shortest))

@@ -12,17 +12,17 @@ import numpy as np
 
 from socp.errors import MethodError, SolveError
 from socp.laws import arc_modes
-from socp.methods import arranged, scouts, solve_collocated
+from socp.methods import guess_along, scouts, solve_collocated
 from socp.model import SHORTEST, Modes, Problem, Solution, Stop, Watch, Word, silent
 from socp.search.attempt import Coarse
 from socp.search.branching import Branching, Child
 from socp.search.candidate import Candidate
 from socp.search.effort import Ration, along_words
 from socp.search.ledger import all_words, count
-from socp.search.neighbours import shortened, spelled
-from socp.search.reading import revealed
-from socp.search.rounding import rounded
-from socp.search.softening import missed, softened
+from socp.search.neighbours import shortened, word_of
+from socp.search.reading import with_hidden_bangs
+from socp.search.rounding import rounded_word
+from socp.search.softening import end_miss, softened_problem
 from socp.solvers import Backend
 from socp.transcription import radau_iia, single_phase, uniform
 from socp.verdict import chattering, judge
@@ -116,7 +116,7 @@ class BoundedSearch:
                 seeds = list(self._seeds(problem, direct, branching.modes))
                 if self.switches == "auto" and not branching.nodes:
                     branching.switches = min((len(each.arcs) - 1 for each in seeds), default=_MOST)
-                branching.coarse.softly = cache(partial(softened, problem, direct))
+                branching.coarse.softly = cache(partial(softened_problem, problem, direct))
                 branching.queue += [Child(direct.objective, each) for each in seeds]
                 branching.search(watch)
         if not branching.over:
@@ -140,10 +140,10 @@ class BoundedSearch:
         nodes added.
         """
         try:
-            found = rounded(problem, direct, modes, min(self._most(), _ROUNDED))
+            found = rounded_word(problem, direct, modes, min(self._most(), _ROUNDED))
         except SolveError:
             return
-        yield revealed(problem, found)
+        yield with_hidden_bangs(problem, found)
         yield found
 
     def _programmed(
@@ -167,7 +167,7 @@ class BoundedSearch:
         if not found.stop.ok and found.stop is not Stop.LIMIT:
             return
         if all(arc.lawful for arc in found.arcs):
-            branching.verify(shortened(spelled(found), SHORTEST), watch)
+            branching.verify(shortened(word_of(found), SHORTEST), watch)
 
     # -- what is left to say
 
@@ -237,7 +237,7 @@ def _others(branching: Branching, directs: Sequence[Solution]) -> Iterator[Child
         return
     for letters in all_words(branching.modes, branching.switches):
         if not branching.ledger.knows(letters):
-            cut = arranged(problem, near, Word(problem.control_names, letters))
+            cut = guess_along(problem, near, Word(problem.control_names, letters))
             yield Child(near.objective, replace(Candidate.of(cut, letters), source=near))
 
 
@@ -256,7 +256,7 @@ def _missing(branching: Branching, best: Solution) -> str:
     k = int(np.argmin(np.diff(edges)))
     pairs = zip(words, arcs[k], arcs[k + 1 if k == 0 else k - 1], strict=True)
     arc = ", ".join(f"{name}: {mode}" for name, mode, beside in pairs if mode != beside)
-    how = f"reaches {longer.rank:.8g}" if missed(solution) <= _MET else "comes nearer to the ends"
+    how = f"reaches {longer.rank:.8g}" if end_miss(solution) <= _MET else "comes nearer to the ends"
     return (
         f"{text}; with {longer.switches} switches the word {Word(words, arcs)} {how}, "
         f"and its shortest arc is {arc} from t = {edges[k]:.4g} to {edges[k + 1]:.4g}"

@@ -14,16 +14,27 @@ from typing import final
 import numpy as np
 
 from socp.methods import sound
-from socp.model import SHORTEST, Modes, Node, Solution, Stop, Watch, Word, scales, silent, telling
+from socp.model import (
+    SHORTEST,
+    Modes,
+    Node,
+    Solution,
+    Stop,
+    Watch,
+    Word,
+    scales,
+    search_watch,
+    silent,
+)
 from socp.search.attempt import Coarse, staggered, trimmed
-from socp.search.candidate import Candidate, planted
+from socp.search.candidate import Candidate, insert_modes
 from socp.search.effort import node, rank
 from socp.search.insertion import insertions, magnitude
 from socp.search.ledger import Ledger
 from socp.search.mending import mends
 from socp.search.neighbours import shortened
-from socp.search.refinement import tried
-from socp.search.softening import missed
+from socp.search.refinement import solve_word
+from socp.search.softening import end_miss
 from socp.transcription import tails
 
 # Of the Hamiltonian's terms, beside how far the mesh is off: below, an insertion gains nothing
@@ -196,7 +207,7 @@ class Branching:
         children = list(self._insertions(short, solution))
         self.queue += children
         if (
-            not children and missed(solution) > _MISSED and self.coarse.dearer()
+            not children and end_miss(solution) > _MISSED and self.coarse.dearer()
         ):  # missing the ends is too cheap
             self.queue.append(Child(solution.objective, short))
             self.tried.clear()
@@ -227,7 +238,7 @@ class Branching:
         self.ledger.exclude(now.arcs, slopes, level)
         seen = set[str]()
         for each in paying:
-            new = planted(now, each.modes, each.t)
+            new = insert_modes(now, each.modes, each.t)
             if new.key not in seen and len(seen) < _CHILDREN:
                 seen.add(new.key)
                 length = _LOOKED * (now.edges[now.place(each.t) + 1] - now.edges[now.place(each.t)])
@@ -248,7 +259,9 @@ class Branching:
         children.
         """
         self.judged.add(now.key)
-        solution = tried(self.coarse.problem, now, self.coarse.ration, self._watched(watch, now))
+        solution = solve_word(
+            self.coarse.problem, now, self.coarse.ration, self._watched(watch, now)
+        )
         self._note(now, solution)
         if solution is None or not solution.stop.ok:
             if solution is not None and solution.stop is Stop.INTERRUPTED:
@@ -270,7 +283,7 @@ class Branching:
 
     def _watched(self, watch: Watch, now: Candidate) -> Watch:
         word = str(Word(self.coarse.problem.control_names, now.arcs))
-        return telling(watch, "word", word, self.lead.source if self.lead else None)
+        return search_watch(watch, "word", word, self.lead.source if self.lead else None)
 
     def _note(self, now: Candidate, solution: Solution | None) -> None:
         self.nodes.append(node(str(Word(self.coarse.problem.control_names, now.arcs)), solution))

@@ -9,9 +9,9 @@ from itertools import islice
 from typing import final
 
 from socp.errors import SolveError
-from socp.methods import driven, recovered, solve_collocated
+from socp.methods import motions, scouts_from_motions, solve_collocated
 from socp.model import Problem, Solution, Stop, Watch, silent
-from socp.process import left, within
+from socp.process import seconds_left, time_limit
 from socp.search.effort import Ration, Search, along_words, off, precedes
 from socp.search.refinement import refine
 from socp.solvers import Backend
@@ -51,12 +51,12 @@ _ITERATIONS = 500  # what a direct solve has not reached by then it hardly ever 
 _MOTIONS = 3  # those that keep best to the box; other horizons are the scouts' concern
 
 
-def searching(seconds: float) -> tuple[float, float]:
+def time_shares(seconds: float) -> tuple[float, float]:
     """Return how much of the time allowed goes into the whole search, and into its first round."""
     return (1.0 - _CONCLUDING) * seconds, _FIRST * seconds
 
 
-def escalated(
+def escalate(
     problem: Problem,
     search: Search,
     directs: list[Solution],
@@ -72,19 +72,23 @@ def escalated(
     """
     guess, steps, backend = first
     if guess is not None and not any(each.stop.ok for each in directs):
-        directs += recovered(problem, guess, _staged(watch, "motions"), backend)
+        directs += scouts_from_motions(problem, guess, _staged(watch, "motions"), backend)
         if directs and directs[-1].stop is Stop.INTERRUPTED:
             raise KeyboardInterrupt
     for number, more in enumerate(ROUNDS, 2):
-        if _done(problem, search) or left() <= 0.0 or not any(each.stop.ok for each in directs):
+        if (
+            _done(problem, search)
+            or seconds_left() <= 0.0
+            or not any(each.stop.ok for each in directs)
+        ):
             break
         patient = along_words(backend, more.iterations)
         search.begin(Ration(more.work, patient), more.words, more.finer * steps)
         told = _staged(watch, f"round {number} of {len(ROUNDS) + 1}")
-        with within(left() * more.share):
+        with time_limit(seconds_left() * more.share):
             how = _meshes(more.finer * steps), backend.limited(_ITERATIONS)
             _round(problem, search, directs, how, told)
-    search.late = left() <= 0.0
+    search.late = seconds_left() <= 0.0
 
 
 def _round(
@@ -124,8 +128,8 @@ def _starts(problem: Problem, directs: Sequence[Solution]) -> Iterator[Solution]
     """
     solved = [replace(each, verified=verify(problem, each)) for each in directs if each.stop.ok]
     ordered = sorted(solved, key=cmp_to_key(_order))
-    motions = islice(driven(problem, (ordered or directs)[0], own=True), _MOTIONS)
-    groups = [iter(ordered[:_STARTS]), motions]
+    runs = islice(motions(problem, (ordered or directs)[0], own=True), _MOTIONS)
+    groups = [iter(ordered[:_STARTS]), runs]
     if not ordered or not off(ordered[0]) <= _CLAIMED:
         groups.reverse()
     for group in groups:
@@ -141,7 +145,7 @@ def _shown(
 ) -> Iterator[Solution]:
     """Yield the direct solutions from a start, each mesh from the one before it."""
     for mesh in how[0]:
-        if left() <= 0.0:
+        if seconds_left() <= 0.0:
             return
         try:
             direct = solve_collocated(single_phase(problem), [mesh], how[1], start, watch)

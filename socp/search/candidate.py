@@ -56,10 +56,10 @@ def merged(given: Candidate) -> Candidate:
 def insert(given: Candidate, control: int, mode: Mode, t: float) -> Candidate:
     """Return a candidate with one control in another mode for a while around a time."""
     arc = given.arcs[given.place(t)]
-    return planted(given, (*arc[:control], mode, *arc[control + 1 :]), t)
+    return insert_modes(given, (*arc[:control], mode, *arc[control + 1 :]), t)
 
 
-def planted(given: Candidate, new: Modes, t: float) -> Candidate:
+def insert_modes(given: Candidate, new: Modes, t: float) -> Candidate:
     """Return a candidate with all controls in given modes for a while around a time."""
     edges, k = np.array(given.edges), given.place(t)
     a, b = edges[k], edges[k + 1]
@@ -71,10 +71,10 @@ def planted(given: Candidate, new: Modes, t: float) -> Candidate:
     cut = Candidate(
         arcs, (*given.edges[: k + 1], start, start + length, *given.edges[k + 1 :]), given.source
     )
-    return merged(without(cut, 0.0))
+    return merged(without_short_arcs(cut, 0.0))
 
 
-def without(given: Candidate, shortest: float) -> Candidate:
+def without_short_arcs(given: Candidate, shortest: float) -> Candidate:
     """Return a candidate without the arcs that are no longer than the shortest; the longest one
     stays in any case.
     """

@@ -9,7 +9,7 @@ from typing import final
 from socp.errors import SolveError
 from socp.methods import solve_collocated
 from socp.model import FEASIBLE, Problem, Solution, Stop, Watch, silent
-from socp.process import left
+from socp.process import seconds_left
 from socp.search.effort import Ration, Search, clearly, off, precedes
 from socp.search.refinement import refine
 from socp.solvers import Backend, default_backend
@@ -30,7 +30,7 @@ _TOLERANCE = 1e-7  # of those: a solution is compared by its re-integration
 _ITERATIONS = 150  # from a solution nearby it takes some ten
 
 
-def concluded(
+def conclude(
     problem: Problem, search: Search, directs: Sequence[Solution], watch: Watch = silent
 ) -> Solution:
     """Return the certified solution, or else the best there is, with what is left open in its
@@ -44,13 +44,13 @@ def concluded(
     if best is not None and not best.stop.ok:
         return best
     if best is not None and best.extremal:
-        known = bettered(problem, search, directs)
+        known = better_point(problem, search, directs)
         return best if known is None else replace(best, message=f"{best.message}; {_worse(known)}")
     solved = [each for each in directs if each.stop.ok]
     certain = next(
         (
             each
-            for each in (judge(problem, one) for one in solved[:2] if left() > 0.0)
+            for each in (judge(problem, one) for one in solved[:2] if seconds_left() > 0.0)
             if each.extremal
         ),
         None,
@@ -60,7 +60,7 @@ def concluded(
     chosen, compared = foremost(problem, best, solved, watch, search.backend.backend)
     if chosen is None:
         return directs[0]
-    parts = (chosen.message, explained(problem, search), compared)
+    parts = (chosen.message, explanation(problem, search), compared)
     return replace(chosen, message="; ".join(filter(None, parts)))
 
 
@@ -87,7 +87,7 @@ def foremost(
     return word, f"this is the best word tried; the best direct solution reaches {_reaches(direct)}"
 
 
-def bettered(problem: Problem, search: Search, directs: Sequence[Solution]) -> Solution | None:
+def better_point(problem: Problem, search: Search, directs: Sequence[Solution]) -> Solution | None:
     """Return the best feasible point in hand that is clearly better than a certified solution, if
     there is one.
     """
@@ -100,7 +100,7 @@ def bettered(problem: Problem, search: Search, directs: Sequence[Solution]) -> S
     return min(better, key=lambda each: each.reached, default=None)
 
 
-def pursued(
+def pursue(
     problem: Problem, search: Search, directs: list[Solution], watch: Watch = silent
 ) -> None:
     """Go on from a feasible point that is clearly better than the certified solution, for as much
@@ -118,11 +118,11 @@ def pursued(
         for each in directs
         if each.stop.ok and best.objective - each.objective > _FAR * abs(each.objective)
     ]
-    if less and bettered(problem, search, directs) is None:
+    if less and better_point(problem, search, directs) is None:
         first = min(less, key=lambda each: each.objective)
         found = [finer(first, mesh) for mesh in _FINER]
         directs += [each for each in found if each is not None and each.stop.ok]
-    known = bettered(problem, search, directs)
+    known = better_point(problem, search, directs)
     if known is None:
         return
     more = Search(backend=Ration(_FURTHER, search.backend.backend), nodes=search.nodes)
@@ -139,7 +139,7 @@ def pursued(
             return
 
 
-def explained(problem: Problem, search: Search) -> str:
+def explanation(problem: Problem, search: Search) -> str:
     """Say in a sentence or two what a search without a certified word has left open."""
     cut = [each for each in search.nodes if each.stop == Stop.LIMIT.name]
     tried = f"no word of the {search.count - len(cut)} tried is certified"
@@ -184,7 +184,7 @@ def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -
         )
     worth.sort(key=lambda each: each.arcs[0].t.size)  # the finer, the longer it takes
     best = _first(
-        [_verified(problem, each) for k, each in enumerate(worth) if k == 0 or left() > 0.0]
+        [_verified(problem, each) for k, each in enumerate(worth) if k == 0 or seconds_left() > 0.0]
     )
     found = [finer(best, mesh) for mesh in _FINER]
     return _first(

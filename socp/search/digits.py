@@ -7,7 +7,7 @@ import numpy as np
 from socp.errors import MethodError, SolveError
 from socp.methods import Follower, polished, sound
 from socp.model import TINY, Agreement, Problem, Solution, Stop, Watch, Word, silent
-from socp.search.neighbours import dropped, spelled
+from socp.search.neighbours import without_arc, word_of
 from socp.solvers import Solver
 from socp.verdict import judge
 
@@ -21,7 +21,7 @@ _BRIEF = 1e-2  # of the horizon: a longer arc is one, however little is known of
 _POINTS = 12
 
 
-def trusted(
+def with_agreement(
     problem: Problem, solution: Solution, digits: int, backend: Solver, watch: Watch = silent
 ) -> Solution:
     """Return a certified solution with the agreement of two computations of it, certified again.
@@ -34,7 +34,7 @@ def trusted(
     found = polished(problem, solution)
     best = solution if found is None else judge(problem, found)
     best = best if best.extremal else solution
-    return best if reached(best, digits) else _compared(problem, best, (digits, backend), watch)
+    return best if agrees(best, digits) else _compared(problem, best, (digits, backend), watch)
 
 
 def settled(
@@ -51,9 +51,9 @@ def settled(
         short = _spurious(solution)
         if not short:
             break
-        now = spelled(solution)
+        now = word_of(solution)
         for k in reversed(short):
-            now = dropped(now, k)
+            now = without_arc(now, k)
         if len(now.arcs) >= len(solution.arcs):
             break
         word = Word(problem.control_names, now.arcs)
@@ -115,7 +115,7 @@ def _compared(
         if not judged.extremal or not sound(problem, judged):
             break
         best, last = min(best, judged, key=_worse), judged
-        if reached(best, wanted[0]):
+        if agrees(best, wanted[0]):
             break
     return best
 
@@ -131,7 +131,7 @@ def apart(one: Solution, other: Solution) -> Agreement:
     )
 
 
-def reached(solution: Solution, digits: int) -> bool:
+def agrees(solution: Solution, digits: int) -> bool:
     """Tell whether as many digits are agreed on, of the objective and of the times against the
     horizon.
     """

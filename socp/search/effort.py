@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field, replace
 from typing import final
 
-from socp.model import EXTREMAL, FEASIBLE, Node, Solution, Stop, Watch, silent, telling
-from socp.process import left
+from socp.model import EXTREMAL, FEASIBLE, Node, Solution, Stop, Watch, search_watch, silent
+from socp.process import seconds_left
 from socp.solvers import NLP, Backend, NLPPoint, default_backend
 
 _WORDS = 80  # words tried in the first round
@@ -87,7 +87,7 @@ class Search:
         """Return a watch that is told of the word being tried and of the best solution so far as
         well.
         """
-        return telling(watch, "word", word, self.best)
+        return search_watch(watch, "word", word, self.best)
 
     def note(self, word: str, solution: Solution | None) -> None:
         """Keep what became of a word."""
@@ -102,7 +102,7 @@ class Search:
     @property
     def spent(self) -> bool:
         """Whether the time, the work or the number of words allowed is done."""
-        return self.backend.left <= 0 or self.count >= self.words or left() <= 0.0
+        return self.backend.left <= 0 or self.count >= self.words or seconds_left() <= 0.0
 
 
 def node(word: str, solution: Solution | None) -> Node:

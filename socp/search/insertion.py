@@ -14,7 +14,7 @@ from typing import final
 import casadi
 import numpy as np
 
-from socp.laws import values
+from socp.laws import law_values
 from socp.model import (
     OUTSIDE,
     TINY,
@@ -22,8 +22,8 @@ from socp.model import (
     Modes,
     Problem,
     Solution,
-    along,
     column,
+    evaluate,
     once,
     parameters_of,
     time,
@@ -71,7 +71,7 @@ def magnitude(problem: Problem, solution: Solution) -> float:
     """
     x, u, costate = (solution.rows(which) for which in ("x", "u", "costate"))
     p = parameters_of(problem, solution)
-    return float(np.max(along(_terms(problem), x, u, np.nan_to_num(costate), solution.t, p)[0]))
+    return float(np.max(evaluate(_terms(problem), x, u, np.nan_to_num(costate), solution.t, p)[0]))
 
 
 @final
@@ -94,7 +94,7 @@ class _Nodes:
 
     def energy(self, u: np.ndarray) -> np.ndarray:
         """Return the Hamiltonian (n,) under controls u (nu, n)."""
-        return along(_energy(self.problem), self.x, u, self.costate, self.t, self.p)[0].ravel()
+        return evaluate(_energy(self.problem), self.x, u, self.costate, self.t, self.p)[0].ravel()
 
     @property
     def ends(self) -> np.ndarray:
@@ -111,7 +111,7 @@ class _Nodes:
         allowed: np.ndarray = ((u >= low - margin) & (u <= high + margin)).all(axis=0)
         if not self.problem.constraints:
             return allowed
-        path = along(_path(self.problem), self.x, u, self.t, self.p)
+        path = evaluate(_path(self.problem), self.x, u, self.t, self.p)
         named = {mode.constraint for mode in modes if mode.constraint}
         horizon = self.t[-1] - self.t[0]
         for c, growth, constraint in zip(*path, self.problem.constraints, strict=True):
@@ -147,7 +147,7 @@ def _nodes(problem: Problem, solution: Solution) -> _Nodes:
 
 def _of(nodes: _Nodes, solution: Solution, modes: Modes) -> Iterator[Insertion]:
     own = [arc.modes for arc in solution.arcs]
-    u = values(nodes.problem, modes, nodes.x, nodes.costate, nodes.t, nodes.p)
+    u = law_values(nodes.problem, modes, nodes.x, nodes.costate, nodes.t, nodes.p)
     slope = np.where(nodes.admits(modes, u, own), nodes.energy(u) - nodes.energy(nodes.u), np.inf)
     for k in np.unique(nodes.arc):
         here = np.flatnonzero(nodes.arc == k)

@@ -35,7 +35,7 @@ def canonical(arcs: Letters) -> Letters:
     return tuple(each for k, each in enumerate(arcs) if k == 0 or each != arcs[k - 1])
 
 
-def inserted(arcs: Letters, k: int, modes: Modes, side: int = 0) -> Letters:
+def insert_into(arcs: Letters, k: int, modes: Modes, side: int = 0) -> Letters:
     """Return a word with other modes put into arc k: within it, before it (side -1) or after it
     (side 1).
     """
@@ -69,10 +69,10 @@ class Ledger:
         for (k, modes), slope in slopes.items():
             if slope < level:
                 continue
-            self.idle.add(inserted(arcs, k, modes))
+            self.idle.add(insert_into(arcs, k, modes))
             for side, other in ((-1, k - 1), (1, k + 1)):
                 if slopes.get((other, modes), 0.0) >= level:
-                    self.idle.add(inserted(arcs, k, modes, side))
+                    self.idle.add(insert_into(arcs, k, modes, side))
 
     def knows(self, word: Letters) -> bool:
         """Tell whether a word was looked at or excluded."""

@@ -10,7 +10,7 @@ import numpy as np
 from socp import laws
 from socp.laws import arc_modes, control_modes
 from socp.model import EXTREMAL, OUTSIDE, SHORTEST, Mode, Place, Problem, Solution
-from socp.search.candidate import Candidate, insert, merged, without
+from socp.search.candidate import Candidate, insert, merged, without_short_arcs
 from socp.verdict import constraint_values, misfit
 
 # -- mending
@@ -23,7 +23,7 @@ def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Ca
     gone = [k for k, (a, b) in enumerate(pairwise(now.edges)) if b - a <= shortest]
     yield from (_dropped(now, place) for place in _slack(solution))
     if gone:
-        yield merged(without(now, shortest))
+        yield merged(without_short_arcs(now, shortest))
         yield from (_swapped(now, k) for k in gone if 0 < k < len(now.arcs) - 1)
     yield from _outside(problem, now)
     yield from _violated(problem, now)
@@ -100,7 +100,7 @@ def _violated(problem: Problem, now: Candidate) -> Iterator[Candidate]:
         t[np.argmax(constraint_values(problem, now.source, constraint, t, now.source.at(t)))]
     )
     for i in range(len(problem.control_names)):
-        if constraint in laws.acting(problem, i):
+        if constraint in laws.controlled_constraints(problem, i):
             yield insert(now, i, Mode("boundary", constraint.name), worst)
 
 

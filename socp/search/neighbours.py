@@ -11,24 +11,26 @@ from socp.search.candidate import Candidate, merged
 _SPROUT = 0.1  # of the shorter neighbour: the first length of an arc put between two
 
 
-def spelled(solution: Solution) -> Candidate:
+def word_of(solution: Solution) -> Candidate:
     """Return the word that a solution follows, as a candidate."""
     return Candidate.of(solution, [arc.modes for arc in solution.arcs])
 
 
 def shortened(given: Candidate, shortest: float) -> Candidate:
     """Return a candidate without its arcs that are at most so short, relative to the horizon."""
-    return merged(candidate.without(given, shortest * (given.edges[-1] - given.edges[0])))
-
-
-def left_out(now: Candidate) -> Iterator[Candidate]:
-    """Yield a word without each of its arcs."""
-    yield from (
-        dropped(now, k) for k in np.argsort(np.diff(now.edges)).tolist() if len(now.arcs) > 1
+    return merged(
+        candidate.without_short_arcs(given, shortest * (given.edges[-1] - given.edges[0]))
     )
 
 
-def dropped(now: Candidate, k: int) -> Candidate:
+def arc_removals(now: Candidate) -> Iterator[Candidate]:
+    """Yield a word without each of its arcs."""
+    yield from (
+        without_arc(now, k) for k in np.argsort(np.diff(now.edges)).tolist() if len(now.arcs) > 1
+    )
+
+
+def without_arc(now: Candidate, k: int) -> Candidate:
     """Return a word without an arc, whose time its neighbours share."""
     a, b = now.edges[k], now.edges[k + 1]
     middle = b if k == 0 else a if k == len(now.arcs) - 1 else (a + b) / 2.0
@@ -37,7 +39,7 @@ def dropped(now: Candidate, k: int) -> Candidate:
     return merged(Candidate((*now.arcs[:k], *now.arcs[k + 1 :]), tuple(edges), now.source))
 
 
-def changed(now: Candidate, modes: Sequence[Modes]) -> Iterator[Candidate]:
+def mode_changes(now: Candidate, modes: Sequence[Modes]) -> Iterator[Candidate]:
     """Yield words with one control in another mode on one arc."""
     for k, arc in enumerate(now.arcs):
         for mode in modes:
@@ -47,7 +49,7 @@ def changed(now: Candidate, modes: Sequence[Modes]) -> Iterator[Candidate]:
                 )
 
 
-def put_in(now: Candidate, modes: Sequence[Modes]) -> Iterator[Candidate]:
+def arc_insertions(now: Candidate, modes: Sequence[Modes]) -> Iterator[Candidate]:
     """Yield words with one arc more, at an end or between two, in whose mode one control differs
     from a neighbour.
     """

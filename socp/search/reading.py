@@ -15,7 +15,7 @@ from socp.model import (
     Mode,
     Problem,
     Solution,
-    along,
+    evaluate,
     legendre_coefficients,
     parameters_of,
 )
@@ -27,7 +27,7 @@ from socp.verdict import structure_of
 _CLEAR, _LEAST = 10.0, 0.01
 
 
-def revealed(problem: Problem, first: Candidate) -> Candidate:
+def with_hidden_bangs(problem: Problem, first: Candidate) -> Candidate:
     """Return a candidate with a bang arc wherever a control leaves its singular law at an end of
     its stretch.
 
@@ -103,7 +103,7 @@ def _mean(problem: Problem, given: Candidate, arc: Arc, what: tuple[int, int, Fu
     k, i, law = what
     nodes = arc.nodes(k, "u")
     x, t = arc.x[:, nodes], arc.t[nodes]
-    off = arc.u[i, nodes] - along(law, x, t, parameters_of(problem, given.source))[0][i]
+    off = arc.u[i, nodes] - evaluate(law, x, t, parameters_of(problem, given.source))[0][i]
     ends = arc.t[arc.mesh[k : k + 2]]
     # the mean of the polynomial through the nodes: the first of its Legendre coefficients
     return float(legendre_coefficients(t, off, (ends[0], ends[1]))[0])

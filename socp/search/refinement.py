@@ -14,7 +14,7 @@ from socp.model import Problem, Solution, Stop, Watch, Word, scales, silent
 from socp.search.candidate import Candidate
 from socp.search.effort import Ration, Search
 from socp.search.mending import mends, starts, substitutes
-from socp.search.reading import read, revealed
+from socp.search.reading import read, with_hidden_bangs
 from socp.verdict import judge, learn
 
 _SOLVES = 40  # words tried before the search from one direct solution gives up
@@ -60,7 +60,7 @@ def refine(
         seen.add(now.key)
         search.count += 1
         word = str(Word(problem.control_names, now.arcs))
-        solution = tried(problem, now, search.backend, search.watched(watch, word))
+        solution = solve_word(problem, now, search.backend, search.watched(watch, word))
         search.note(word, solution)
         if solution is None or not solution.stop.ok:
             if solution is not None and solution.stop is Stop.INTERRUPTED:
@@ -84,7 +84,7 @@ def refine(
 def _early(problem: Problem, direct: Solution) -> Iterator[list[Candidate]]:
     """Yield what labels and deviations show, then the same with bangs at the ends."""
     first = read(problem, direct)
-    yield [revealed(problem, first)]
+    yield [with_hidden_bangs(problem, first)]
     yield [first]
     yield list(starts(first))
 
@@ -99,17 +99,17 @@ def _late(problem: Problem, direct: Solution, search: Search) -> Iterator[list[C
     if search.rounded:
         return
     search.rounded = True
-    from socp.search.rounding import rounded  # it brings cvxpy
+    from socp.search.rounding import rounded_word  # it brings cvxpy
 
     modes = arc_modes(problem)
     for switches in (max(len(first.arcs) - 1, 1), len(first.arcs) - 1 + _PLAIN):
         try:
-            yield [rounded(problem, direct, modes, switches)]
+            yield [rounded_word(problem, direct, modes, switches)]
         except SolveError:
             continue
 
 
-def tried(problem: Problem, now: Candidate, backend: Ration, watch: Watch) -> Solution | None:
+def solve_word(problem: Problem, now: Candidate, backend: Ration, watch: Watch) -> Solution | None:
     """Solve along a candidate's word, with its laws boxed where they would leave the box; None
     where that fails.
     """

@@ -15,9 +15,9 @@ from typing import Any, final
 import numpy as np
 
 from socp.errors import SolveError
-from socp.laws import values
+from socp.laws import law_values
 from socp.model import TINY, Modes, Problem, Solution, parameters_of
-from socp.process import aside
+from socp.process import output_discarded
 from socp.search.candidate import Candidate, merged
 from socp.verdict import constraint_values
 
@@ -75,7 +75,7 @@ class Rounded:
     deviation: float
 
 
-def rounding(given: Cells, switches: int, dwell: float = 0.0, price: float = _PRICE) -> Rounded:
+def round_cells(given: Cells, switches: int, dwell: float = 0.0, price: float = _PRICE) -> Rounded:
     """Round relaxed controls to one mode a cell with at most so many switches, by a mixed-integer
     linear programme.
 
@@ -108,7 +108,7 @@ def rounding(given: Cells, switches: int, dwell: float = 0.0, price: float = _PR
     objective = worst + _POINTWISE * cvxpy.sum(cvxpy.multiply(cost, w)) + price * cvxpy.sum(changes)
     programme = cvxpy.Problem(cvxpy.Minimize(objective), constraints)
     try:
-        with warnings.catch_warnings(), aside():
+        with warnings.catch_warnings(), output_discarded():
             warnings.simplefilter("ignore")  # a tree that ended early is a seed all the same
             programme.solve(solver=cvxpy.HIGHS, mip_abs_gap=_GAP, mip_max_nodes=_NODES)
     except cvxpy.error.SolverError as error:
@@ -145,14 +145,14 @@ def _dwelling(w: Any, edges: np.ndarray, dwell: float) -> list[Any]:
 # -- of a solution
 
 
-def rounded(
+def rounded_word(
     problem: Problem, solution: Solution, modes: Sequence[Modes], switches: int, dwell: float = 0.0
 ) -> Candidate:
     """Return the word of at most so many switches whose controls are nearest to a direct solution's
     in the integral.
     """
     laid = cells(problem, solution, modes)
-    found = rounding(laid, switches, dwell)
+    found = round_cells(laid, switches, dwell)
     arcs = tuple(modes[m] for m in found.chosen)
     return merged(Candidate(arcs, tuple(laid.edges.tolist()), solution))
 
@@ -208,7 +208,7 @@ def _laid(problem: Problem, solution: Solution, modes: Sequence[Modes], edges: n
     t = 0.5 * (edges[1:] + edges[:-1])
     relaxed = (np.clip(solution.at(t, "u"), low, high) - low) / (high - low)
     given = solution.at(t), solution.at(t, "costate"), t, parameters_of(problem, solution)
-    raw = np.array([(values(problem, each, *given) - low) / (high - low) for each in modes])
+    raw = np.array([(law_values(problem, each, *given) - low) / (high - low) for each in modes])
     inside = np.isfinite(raw) & (raw > -_NEAR) & (raw < 1.0 + _NEAR)
     near = {
         c.name: _near(constraint_values(problem, solution, c, t, solution.at(t)))

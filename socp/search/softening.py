@@ -24,7 +24,7 @@ _HIGHER = 3.0  # the price over the worth of an end condition: above 1 the penal
 _NAME = "slack"  # begins the names of the slacks
 
 
-def softened(problem: Problem, near: Solution, dearer: float = 1.0) -> Problem:
+def softened_problem(problem: Problem, near: Solution, dearer: float = 1.0) -> Problem:
     """Return a problem with every end condition psi <= 0 or psi = 0 relaxed to |psi| <= size * e at
     a price of W e.
 
@@ -54,7 +54,7 @@ def worth(problem: Problem, near: Solution) -> float:
     return float(np.quantile(costate, 0.9, axis=1).max(initial=0.0)) or 1.0
 
 
-def missed(solution: Solution) -> float:
+def end_miss(solution: Solution) -> float:
     """Return by how much a solution of a softened problem misses its ends, relative to the sizes of
     the states.
     """

@@ -26,7 +26,7 @@ def check(options: Mapping[str, Any]) -> None:
     """
     for name, value in options.items():
         _check(name, value)
-    fault = trial.refused(options)
+    fault = trial.fault_of(options)
     if fault:
         given = ", ".join(f"{name}={options[name]}" for name in trial.CHOSEN if name in options)
         there = ", ".join(trial.working(_words("linear_solver")))

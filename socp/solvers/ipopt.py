@@ -13,7 +13,7 @@ import numpy as np
 
 from socp.errors import SolveError
 from socp.model import Stop, Watch, silent
-from socp.process import left, requesting
+from socp.process import requesting, seconds_left
 from socp.solvers import documented, overdetermined
 from socp.solvers.backends.observer import Observer, arguments, last_line, unusable
 from socp.solvers.contract import NLP, NLPPoint
@@ -96,10 +96,10 @@ class Ipopt:
         Raises SolveError where casadi cannot build the programme, and whatever the watch raises.
         """
         began = time.perf_counter()
-        equations, unknowns = overdetermined.counted(nlp)
+        equations, unknowns = overdetermined.equations_and_unknowns(nlp)
         if equations > unknowns:
             return overdetermined.met(nlp, guess, int(self._settings()["max_iter"]))
-        if left() <= 0.0:
+        if seconds_left() <= 0.0:
             return replace(guess, stop=Stop.LIMIT, message="the time allowed is over")
         observer = Observer(self.name, nlp, watch)
         try:
@@ -134,7 +134,7 @@ class Ipopt:
 def _solver(nlp: NLP, observer: Observer, options: Mapping[str, Any]) -> casadi.Function:
     settings = {"print_time": False, "show_eval_warnings": False, "iteration_callback": observer}
     settings |= {f"ipopt.{name}": value for name, value in options.items()}
-    if math.isfinite(rest := left()):  # of the caller's time; Ipopt takes no 0
+    if math.isfinite(rest := seconds_left()):  # of the caller's time; Ipopt takes no 0
         wall = min(rest, float(options.get("max_wall_time", math.inf)))
         settings["ipopt.max_wall_time"] = max(wall, _INSTANT)
     try:

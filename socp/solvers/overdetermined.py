@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from socp.model import Stop
-from socp.process import left
+from socp.process import seconds_left
 from socp.solvers.contract import NLP, NLPPoint
 
 # Gauss-Newton steps: near a solution it takes a few, and equations that contradict each other take
@@ -28,7 +28,7 @@ _RANK = 1e-14  # keeps the system of a step regular where equations leave a dire
 _MET = 1e-10
 
 
-def counted(nlp: NLP) -> tuple[int, int]:
+def equations_and_unknowns(nlp: NLP) -> tuple[int, int]:
     """Return how many equations and how many unknowns a programme has, fixed variables left out."""
     return int((nlp.g_box[0] == nlp.g_box[1]).sum()), int((nlp.v_box[0] != nlp.v_box[1]).sum())
 
@@ -54,7 +54,7 @@ def met(nlp: NLP, guess: NLPPoint, most: int) -> NLPPoint:
         value, slope = system(_whole(given, free, part))
         return value.full().ravel(), slope.sparse()
 
-    equations, unknowns = counted(nlp)
+    equations, unknowns = equations_and_unknowns(nlp)
     said = f"{equations} equations for {unknowns} unknowns"
     part, steps = _descended(at, given[free], min(most, _STEPS))
     if part is None:
@@ -95,7 +95,7 @@ def _descended(
         square = float(values @ values)
         if not np.isfinite(square) or not np.isfinite(slopes.data).all():
             return None, step
-        if square == 0.0 or left() <= 0.0:
+        if square == 0.0 or seconds_left() <= 0.0:
             return x, step
         move = scale * _step(values, slopes @ sparse.diags(scale))
         for share in _SHARES:

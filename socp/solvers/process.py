@@ -130,7 +130,7 @@ class _Told:
         if v.shape != (self.nlp.v.numel(),) or not np.isfinite(v).all():
             self.refused.append("its point is not one of this problem")
             return
-        found = checked(self.nlp, v)
+        found = evaluated_point(self.nlp, v)
         if found.integrality > INTEGRAL:
             self.refused.append(f"a binary of its point is {found.integrality:.1g} from 0 or 1")
         elif not found.violation <= FEASIBLE:
@@ -150,7 +150,7 @@ def programme_job(nlp: NLP, starts: Sequence[NLPPoint], folder: Path) -> dict[st
     }
 
 
-def checked(nlp: NLP, v: np.ndarray) -> Outcome:
+def evaluated_point(nlp: NLP, v: np.ndarray) -> Outcome:
     """Return a point (n,) with its binaries rounded, and its objective and violations evaluated by
     casadi.
     """

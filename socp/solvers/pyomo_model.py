@@ -7,11 +7,19 @@ from typing import Any
 import casadi
 import numpy as np
 
-from socp.model import AREA, ARITHMETIC, HYPERBOLIC, POWERS, TRIGONOMETRIC, coded, walked
+from socp.model import (
+    AREA,
+    ARITHMETIC,
+    HYPERBOLIC,
+    POWERS,
+    TRIGONOMETRIC,
+    interpret,
+    operation_names,
+)
 from socp.solvers.contract import NLP
 
 
-def translated(
+def to_pyomo(
     expressions: Any, symbols: Any, values: Sequence[Any], *, elementary: bool = False
 ) -> list[Any]:
     """Return casadi expressions (m, 1) of symbols (n, 1) as Pyomo's, in the n values given for the
@@ -23,7 +31,7 @@ def translated(
     operations = _operations()
     if elementary:
         operations = {**operations, **_by_exp(operations[casadi.OP_EXP])}
-    return walked(expressions, symbols, values, operations)
+    return interpret(expressions, symbols, values, operations)
 
 
 def pyomo_programme(nlp: NLP, start: np.ndarray | None = None, *, elementary: bool = False) -> Any:
@@ -46,7 +54,7 @@ def pyomo_programme(nlp: NLP, start: np.ndarray | None = None, *, elementary: bo
         for i, value in enumerate(start):
             model.v[i].set_value(float(value), skip_validation=True)
     values = [model.v[i] for i in range(nlp.v.numel())]
-    cost, *rows = translated(casadi.vertcat(nlp.f, nlp.g), nlp.v, values, elementary=elementary)
+    cost, *rows = to_pyomo(casadi.vertcat(nlp.f, nlp.g), nlp.v, values, elementary=elementary)
     model.objective = pyo.Objective(expr=cost)
     model.g = pyo.Constraint(range(len(rows)))
     for j, row in enumerate(rows):
@@ -86,7 +94,7 @@ def _operations() -> Mapping[int, Callable[..., Any]]:
     import pyomo.environ as pyo
     from pyomo.core.expr import Expr_if
 
-    named = coded(*TRIGONOMETRIC, *HYPERBOLIC, *AREA, *POWERS)
+    named = operation_names(*TRIGONOMETRIC, *HYPERBOLIC, *AREA, *POWERS)
     return {
         **{code: getattr(pyo, name) for code, name in named.items()},
         **ARITHMETIC,

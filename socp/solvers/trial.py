@@ -26,7 +26,7 @@ print("status", solver.stats()["return_status"], flush=True)
 """
 
 
-def refused(options: Mapping[str, Any]) -> str:
+def fault_of(options: Mapping[str, Any]) -> str:
     """Return what is wrong with the linear solver that options ask for, empty where it works or
     none is chosen.
     """

@@ -5,8 +5,8 @@ from .clusters import Census as Census
 from .clusters import Cluster as Cluster
 from .frontier import Frontier as Frontier
 from .frontier import best_by_switches as best_by_switches
-from .frontier import distinct as distinct
+from .frontier import distinct_rows as distinct_rows
 from .frontier import limit as limit
-from .frontier import limited as limited
+from .frontier import limit_switches as limit_switches
 from .store import Kept as Kept
 from .store import fingerprint as fingerprint

@@ -13,13 +13,13 @@ import numpy as np
 from socp.errors import MethodError, SolveError
 from socp.methods import solve_collocated, versions
 from socp.model import COMPARED, Problem, Progress, Solution, Stop, Watch, silent
-from socp.process import breakable, give_way, held
+from socp.process import breakable, give_way, signals_held
 from socp.search import Ration, Search, refine
 from socp.solvers import default_backend
 from socp.study.clusters import Census, Outcome, residual
 from socp.study.starts import RECIPE, start
 from socp.study.store import Kept
-from socp.study.workers import asked, worked
+from socp.study.workers import asked, results_of
 from socp.transcription import Mesh, euler, single_phase, uniform
 from socp.verdict import judge
 
@@ -182,7 +182,7 @@ def survey(
             tally.add(number, outcome)
     todo = [number for number in range(starts) if number not in tally.outcomes]
     running = _running(problem, todo, silent if watch is silent else tally.see, workers)
-    with held():  # what is finished is counted and kept whole
+    with signals_held():  # what is finished is counted and kept whole
         try:
             with breakable():
                 stopped = _counted(running, tally, kept)
@@ -198,7 +198,7 @@ def _counted(
 ) -> bool:
     """Count and keep starts as they are finished; returns whether that was stopped."""
     for number, outcome in running:
-        with held():
+        with signals_held():
             if kept is not None and outcome is not None:
                 tally.keep(kept, outcome)
             stopped = tally.add(number, outcome)
@@ -218,5 +218,5 @@ def _running(
     if workers is None or workers[0] == 1:
         yield from ((number, explore(problem, number, watch)) for number in todo)
         return
-    inner: Iterator[tuple[int, Outcome | None]] = worked(Task(workers[1]), todo, workers[0])
+    inner: Iterator[tuple[int, Outcome | None]] = results_of(Task(workers[1]), todo, workers[0])
     yield from inner

@@ -8,7 +8,7 @@ import numpy as np
 
 from socp.errors import MethodError, SolveError
 from socp.laws import arc_modes
-from socp.methods import Follower, arranged, sound
+from socp.methods import Follower, guess_along, sound
 from socp.model import (
     COMPARED,
     SHORTEST,
@@ -18,22 +18,22 @@ from socp.model import (
     Stop,
     Watch,
     Word,
+    search_watch,
     silent,
-    telling,
 )
-from socp.process import breakable, left
+from socp.process import breakable, seconds_left
 from socp.search import (
     Candidate,
     all_words,
     along_words,
-    changed,
-    dropped,
-    left_out,
+    arc_insertions,
+    arc_removals,
     mends,
-    put_in,
+    mode_changes,
     read,
     shortened,
-    spelled,
+    without_arc,
+    word_of,
 )
 from socp.solvers import Backend
 from socp.verdict import chattering, judge
@@ -68,12 +68,12 @@ def limit(solutions: Sequence[Solution]) -> float | None:
     )
 
 
-def told(solutions: Sequence[Solution]) -> str:
+def summary(solutions: Sequence[Solution]) -> str:
     """Say in a sentence what the objective is for every number of switches, and where it tends
     to.
     """
     said = ", ".join(f"{len(each.arcs) - 1}: {each.objective:.12g}" for each in solutions)
-    end, ratios = limit(solutions), shortening(solutions[-1])
+    end, ratios = limit(solutions), length_ratios(solutions[-1])
     tends = "" if end is None else f"; Aitken's extrapolation of the last three is {end:.12g}"
     law = (
         f"; arcs between switches shorten by {', '.join(f'{each:.4g}' for each in ratios)}"
@@ -83,7 +83,7 @@ def told(solutions: Sequence[Solution]) -> str:
     return f"best objective by number of switches {said}{tends}{law}"
 
 
-def shortening(solution: Solution) -> list[float]:
+def length_ratios(solution: Solution) -> list[float]:
     """Return what the length of every arc between two switches is times the one before; none unless
     all shorten.
     """
@@ -146,7 +146,7 @@ class _Trials:
         those before.
         """
         count = len(given.arcs) - 1
-        over = self.interrupted or left() <= 0.0 or self.words >= max(_MOST, _ALL)
+        over = self.interrupted or seconds_left() <= 0.0 or self.words >= max(_MOST, _ALL)
         if over or not 0 <= count <= self.most or given.key in self.tried:
             return False
         self.tried.add(given.key)
@@ -175,7 +175,7 @@ class _Trials:
         return solution
 
     def _told(self, word: str) -> Watch:
-        return telling(self.watch, f"word {self.words}", word, self.best(self.most))
+        return search_watch(self.watch, f"word {self.words}", word, self.best(self.most))
 
     def _kept(self, solution: Solution) -> bool:
         """Keep a solution among the best of its number of switches, without arcs that have
@@ -184,7 +184,7 @@ class _Trials:
         solution = judge(self.problem, solution)
         if solution.verdict is None or not solution.verdict.miss <= COMPARED:
             return False
-        lean = shortened(spelled(solution), SHORTEST)
+        lean = shortened(word_of(solution), SHORTEST)
         if self.dwell == 0.0 and len(lean.arcs) < len(solution.arcs):
             self.solve(lean)
         row = self.found[len(solution.arcs) - 1]
@@ -254,16 +254,16 @@ def best_word(
     is a better one.
     """
     trials = _Trials(problem, at_most, 0.0, along_words(backend), watch, width=1)
-    return distinct(_frontier(trials, arc_modes(problem), start, every=False))
+    return distinct_rows(_frontier(trials, arc_modes(problem), start, every=False))
 
 
-def distinct(found: Frontier) -> list[Solution]:
+def distinct_rows(found: Frontier) -> list[Solution]:
     """Return the rows of a frontier that are better than the ones before."""
     rows = [row for row in found.rows if row is not None]
     return [row for k, row in enumerate(rows) if k == 0 or row is not rows[k - 1]]
 
 
-def limited(
+def limit_switches(
     problem: Problem,
     found: Solution,
     at_most: int,
@@ -286,13 +286,13 @@ def limited(
         return found
     trials = _Trials(problem, at_most, 0.0, along_words(backend), watch, width=1)
     seen = _frontier(trials, arc_modes(problem), found, every=False)
-    rows = distinct(seen)
+    rows = distinct_rows(seen)
     if seen.interrupted:
         return replace(found, stop=Stop.INTERRUPTED)
     worse = bool(rows) and rows[-1].objective > found.objective + _BETTER * abs(found.objective)
     if not rows or (worse and len(found.switches) <= at_most):
         return found
-    return replace(rows[-1].after(found), message=f"{found.message}; {told(rows)}")
+    return replace(rows[-1].after(found), message=f"{found.message}; {summary(rows)}")
 
 
 def _everything(trials: _Trials, modes: Sequence[Modes], start: Solution) -> None:
@@ -300,7 +300,7 @@ def _everything(trials: _Trials, modes: Sequence[Modes], start: Solution) -> Non
     for arcs in all_words(modes, trials.most):
         word = Word(trials.problem.control_names, arcs)
         source = trials.best(len(arcs) - 1) or start
-        cut = Candidate.of(arranged(trials.problem, source, word), arcs)
+        cut = Candidate.of(guess_along(trials.problem, source, word), arcs)
         trials.solve(replace(cut, source=source))
 
 
@@ -309,7 +309,7 @@ def _beam(trials: _Trials, modes: Sequence[Modes], start: Solution) -> None:
     better.
     """
     own = all(arc.lawful for arc in start.arcs)
-    seed = spelled(start) if own else read(trials.problem, start)
+    seed = word_of(start) if own else read(trials.problem, start)
     for mode in modes:
         trials.solve(Candidate((mode,), (seed.edges[0], seed.edges[-1]), seed.source))
     trials.solve(seed)
@@ -318,14 +318,16 @@ def _beam(trials: _Trials, modes: Sequence[Modes], start: Solution) -> None:
         better = False
         for n in range(trials.most, 0, -1):
             for solution in list(trials.found[n]):
-                fewer = list(left_out(spelled(solution)))
+                fewer = list(arc_removals(word_of(solution)))
                 better |= trials.all(fewer)
                 if not any(trials.found[:n]):
-                    better |= trials.all(each for word in fewer for each in changed(word, modes))
+                    better |= trials.all(
+                        each for word in fewer for each in mode_changes(word, modes)
+                    )
         for n in range(trials.most):
             for solution in list(trials.found[n]):
-                now = spelled(solution)
-                longer = [*mends(trials.problem, now, solution), *put_in(now, modes)]
+                now = word_of(solution)
+                longer = [*mends(trials.problem, now, solution), *arc_insertions(now, modes)]
                 better |= trials.all(longer)
         if not better:
             break
@@ -337,5 +339,5 @@ def _shortened(trials: _Trials, seed: Candidate) -> None:
     """
     while len(seed.arcs) > 1:
         lengths = np.diff(seed.edges)
-        seed = dropped(seed, int(np.argmin(lengths)))
+        seed = without_arc(seed, int(np.argmin(lengths)))
         trials.solve(seed)

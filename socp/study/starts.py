@@ -8,7 +8,7 @@ from typing import final
 
 import numpy as np
 
-from socp.methods import default_guess, guess_of, scattered
+from socp.methods import default_guess, guess_of, scattered_guesses
 from socp.model import Problem, Solution, rate_function, scales
 from socp.transcription import Mesh, euler, radau_iia, uniform
 
@@ -39,7 +39,10 @@ def start(problem: Problem, number: int) -> Start:
         guess, about = motion(problem, guess, number), "random word"
     elif number:
         pair, side = divmod(number // 2 - 1, 2)
-        guess, about = next(islice(scattered(problem, guess, pair), side, None)), "scattered guess"
+        guess, about = (
+            next(islice(scattered_guesses(problem, guess, pair), side, None)),
+            "scattered guess",
+        )
     if number // 2 % 2:
         mesh, name = uniform(euler(), 150), "implicit Euler, 150 steps"
     else:

@@ -21,7 +21,7 @@ _MASKS = hasattr(signal, "pthread_sigmask")
 _HERE: list[Any] = []  # in a worker: the event that asks it to stop
 
 
-def worked(
+def results_of(
     task: Callable[[int], T], numbers: Sequence[int], jobs: int
 ) -> Iterator[tuple[int, T | None]]:
     """Yield every number with what the task makes of it in a process of its own, as it comes; None:

@@ -1,9 +1,9 @@
 from .collocation import collocate as collocate
-from .kinks import jointed as jointed
-from .kinks import whole as whole
+from .kinks import cut_at_kinks as cut_at_kinks
+from .kinks import rejoin as rejoin
 from .mesh import Mesh as Mesh
 from .mesh import Table as Table
-from .mesh import refined as refined
+from .mesh import refined_meshes as refined_meshes
 from .mesh import table as table
 from .mesh import tails as tails
 from .mesh import uniform as uniform
@@ -20,4 +20,4 @@ from .schemes import lgr as lgr
 from .schemes import radau_iia as radau_iia
 from .schemes import trapezoid as trapezoid
 from .shooting import Shooting as Shooting
-from .shooting import ends as ends
+from .shooting import interval_ends as interval_ends

@@ -9,7 +9,7 @@ import casadi
 import numpy as np
 from scipy.optimize import brentq
 
-from socp.model import SAME_TIME, Arc, Expr, Solution, column, joined, parameters_of, time, traced
+from socp.model import SAME_TIME, Arc, Expr, Solution, column, fold, join, parameters_of, time
 from socp.transcription.mesh import Mesh, table, uniform
 from socp.transcription.phases import Phase, PhasedProblem
 from socp.transcription.schemes import lgr
@@ -44,7 +44,7 @@ def kinks(expression: Expr, given: Expr) -> Expr:
         build = casadi.SX.binary if len(arguments) == 2 else casadi.SX.unary
         return build(operation, *arguments)
 
-    traced(casadi.vec(expression), given, given.__getitem__, casadi.SX, built)
+    fold(casadi.vec(expression), given, given.__getitem__, casadi.SX, built)
     distinct: list[Expr] = []
     for each in found:
         if not each.is_constant() and not any(
@@ -76,7 +76,7 @@ def _apart(expressions: list[Expr], given: Expr) -> list[Expr]:
     return [expressions[k] for k in kept]
 
 
-def jointed(
+def cut_at_kinks(
     phased: PhasedProblem, solution: Solution, points: int
 ) -> tuple[PhasedProblem, Solution, list[Mesh], list[int]] | None:
     """Return a phased problem with arcs cut where the dynamics have a kink; None where there is
@@ -111,10 +111,10 @@ def jointed(
     )
 
 
-def whole(solution: Solution, pieces: list[int]) -> Solution:
+def rejoin(solution: Solution, pieces: list[int]) -> Solution:
     """Return a solution with so many pieces of every arc joined again."""
     ends = list(accumulate(pieces, initial=0))
-    return replace(solution, arcs=tuple(joined(solution.arcs[a:b]) for a, b in pairwise(ends)))
+    return replace(solution, arcs=tuple(join(solution.arcs[a:b]) for a, b in pairwise(ends)))
 
 
 def _between(arc: Arc, span: tuple[float, float], points: int) -> Mesh:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from socp.errors import MethodError
-from socp.model import Arc, legendre_coefficients, merged
+from socp.model import Arc, coincident, legendre_coefficients
 from socp.transcription.schemes import Scheme, Side, lgr
 
 Mesh = Sequence[tuple[float, Scheme]]  # intervals of one phase: (share of its length, scheme)
@@ -123,7 +123,7 @@ def tails(arc: Arc, scale: np.ndarray) -> np.ndarray:
     for k in range(len(arc.mesh) - 1):
         nodes = arc.nodes(k)
         t, x = arc.t[nodes], arc.x[:, nodes]
-        if merged(t):
+        if coincident(t):
             sizes.append(0.0)
             continue
         last = legendre_coefficients(t, x.T, (t[0], t[-1]))[-2:]
@@ -131,7 +131,7 @@ def tails(arc: Arc, scale: np.ndarray) -> np.ndarray:
     return np.array(sizes)
 
 
-def refined(
+def refined_meshes(
     arcs: tuple[Arc, ...], scale: np.ndarray, points: int, tolerance: float
 ) -> list[Mesh] | None:
     """Return meshes that split every interval into as many as the tolerance needs, None where all
@@ -141,7 +141,7 @@ def refined(
     grown = False
     for arc in arcs:
         ends = arc.t[arc.mesh]
-        shares = np.full(ends.size - 1, 1.0) if merged(ends) else np.diff(ends)
+        shares = np.full(ends.size - 1, 1.0) if coincident(ends) else np.diff(ends)
         # the error of an interval falls with its length to the power of its degree
         tail = tails(arc, scale)
         parts = np.ceil(

@@ -119,7 +119,7 @@ def follow(problem: Problem, word: Word) -> PhasedProblem:
     Raises MethodError where a law is asked for that the problem does not have.
     """
     phases: list[Phase] = []
-    for modes in laws.resolved(problem, word).arcs:
+    for modes in laws.name_constraints(problem, word).arcs:
         phases.append(_phase(problem, modes, phases[-1].kept if phases else frozenset()))
     phases[0] = replace(
         phases[0], entry=tuple(each for each in phases[0].entry if not _met(problem, each))

@@ -207,7 +207,7 @@ def flow(problem: Problem, phase: Phase, steps: int) -> casadi.Function:
     return casadi.Function("flow", [Z, T, H, P], [last[:-2, -1], last[-2, -1]])
 
 
-def ends(phased: PhasedProblem, start: Solution, steps: int) -> list[np.ndarray]:
+def interval_ends(phased: PhasedProblem, start: Solution, steps: int) -> list[np.ndarray]:
     """Return, a phase at a time, states, what is carried and running cost (nz + 1, k) in which its
     intervals end.
     """

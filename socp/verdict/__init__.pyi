@@ -1,8 +1,8 @@
 from .accuracy import AWAY as AWAY
-from .accuracy import posed as posed
 from .accuracy import steps_of as steps_of
-from .certify import carrying as carrying
+from .accuracy import word_problem as word_problem
 from .certify import judge as judge
+from .certify import with_statement as with_statement
 from .junctions import chattering as chattering
 from .lessons import learn as learn
 from .newton import Conditions as Conditions

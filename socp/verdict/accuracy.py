@@ -10,7 +10,7 @@ import numpy as np
 
 from socp.errors import MethodError
 from socp.model import ACTIVE, Problem, Solution, Verdict, Word, digits_of
-from socp.transcription import PhasedProblem, Shooting, ends, follow, jointed
+from socp.transcription import PhasedProblem, Shooting, cut_at_kinks, follow, interval_ends
 from socp.verdict.newton import Conditions
 
 # Of the states: steps are doubled until the motion changes by no more; rounding leaves some hundred
@@ -54,7 +54,7 @@ def accuracy(problem: Problem, solution: Solution, points: int = 10) -> Accuracy
     The conditions are those of the problem itself: a solution whose end was missed is as far away
     as that takes it.
     """
-    known = posed(problem, solution, points)
+    known = word_problem(problem, solution, points)
     steps = None if known is None else steps_of(known[0], known[1])
     if known is None or steps is None:
         return None
@@ -117,7 +117,7 @@ def _measured(conditions: Conditions, held: np.ndarray, pieces: list[int]) -> Ac
     return Accuracy(np.where(system.open(rows), np.inf, times), float(apart))
 
 
-def posed(
+def word_problem(
     problem: Problem, solution: Solution, points: int
 ) -> tuple[PhasedProblem, Solution, list[int]] | None:
     """Return the phased problem of a solution's word, cut at kinks, with its solution and the
@@ -135,7 +135,7 @@ def posed(
         or min(a.t[-1] - a.t[0] for a in solution.arcs) <= 0
     ):
         return None
-    cut = jointed(phased, solution, points)
+    cut = cut_at_kinks(phased, solution, points)
     return (phased, solution, [1] * len(phased.phases)) if cut is None else (cut[0], cut[1], cut[3])
 
 
@@ -146,7 +146,7 @@ def steps_of(phased: PhasedProblem, start: Solution) -> int | None:
     before: list[np.ndarray] = []
     nx = phased.of.x.numel()
     for count in _STEPS:
-        now = ends(phased, start, count)
+        now = interval_ends(phased, start, count)
         # what is carried along one arc is seen against its size there, states and cost against
         # theirs on all of them
         shared = np.max([np.abs(each).max(axis=1)[[*range(nx), -1]] for each in now], axis=0)

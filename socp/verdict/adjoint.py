@@ -227,7 +227,7 @@ def unknowns_of(problem: Problem, samples: Samples, ends: Ends) -> Unknowns:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Along:
+class AdjointSystem:
     """A solution laid out for judging: nodes, unknown multipliers, costates as functions of them,
     end slopes.
     """

@@ -28,7 +28,7 @@ from socp.model import (
 )
 from socp.verdict import claims, estimates, margins
 from socp.verdict.accuracy import sharpened
-from socp.verdict.adjoint import Along, Ends, condense, unknowns_of
+from socp.verdict.adjoint import AdjointSystem, Ends, condense, unknowns_of
 from socp.verdict.conditions import conditions
 from socp.verdict.junctions import chattering
 from socp.verdict.lessons import learn
@@ -47,7 +47,7 @@ def case(problem: Problem, solution: Solution) -> Case:
     samples = sample(problem, solution)
     ends = Ends.of(problem, solution)
     unknowns = unknowns_of(problem, samples, ends)
-    along = Along(
+    along = AdjointSystem(
         problem, solution, samples, unknowns, condense(samples, unknowns, ends.slope_final), ends
     )
     return Case(along, tuple(conditions(along)))
@@ -178,7 +178,7 @@ def _without_length(solution: Solution) -> tuple[Finding, ...]:
     )
 
 
-def _with_multipliers(along: Along, z: np.ndarray) -> tuple[Arc, ...]:
+def _with_multipliers(along: AdjointSystem, z: np.ndarray) -> tuple[Arc, ...]:
     """Return the arcs, those that follow laws with the costates and densities of z in place of
     their programme's.
 
@@ -206,7 +206,7 @@ def judge(problem: Problem, solution: Solution) -> Solution:
     """Return a solution with its structure, its verification, its verdict and its problem, all
     worked out anew.
     """
-    solution = carrying(problem, solution)
+    solution = with_statement(problem, solution)
     values = [each for arc in solution.arcs for each in (arc.x, arc.u)]
     values.append(np.array(list(solution.parameters.values()), dtype=float))
     if not all(np.isfinite(each).all() for each in values):
@@ -232,7 +232,7 @@ def judge(problem: Problem, solution: Solution) -> Solution:
     return replace(solution, arcs=arcs, verdict=verdict, seconds={**solution.seconds, **seconds})
 
 
-def carrying(problem: Problem, solution: Solution) -> Solution:
+def with_statement(problem: Problem, solution: Solution) -> Solution:
     """Return a solution that carries the statement of its problem, or the reason why it cannot."""
     try:
         return replace(solution, problem=problem.name, statement=problem.statement, unstated="")

@@ -25,7 +25,7 @@ from socp.model import (
     mayer_function,
 )
 from socp.transcription import lgr
-from socp.verdict.adjoint import Along
+from socp.verdict.adjoint import AdjointSystem
 from socp.verdict.nodes import POINTS, Samples
 
 _SCHEME = lgr(POINTS)
@@ -34,7 +34,7 @@ _SCHEME = lgr(POINTS)
 _BETWEEN = 0.1
 
 
-def claims(along: Along, density: np.ndarray, size: float) -> Iterator[Finding]:
+def claims(along: AdjointSystem, density: np.ndarray, size: float) -> Iterator[Finding]:
     """Yield what a solution claims with the worst deviation, from multipliers' densities (nc, n),
     magnitude `size`.
     """
@@ -53,7 +53,7 @@ def cost(problem: Problem, solution: Solution, samples: Samples) -> tuple[float,
     return float((weights * L).sum()) + mayer, float((weights * np.abs(L)).sum()) + abs(mayer)
 
 
-def _motion(along: Along) -> Finding:
+def _motion(along: AdjointSystem) -> Finding:
     """Find how far the states are from those of the controls: over every interval, where arcs meet,
     at the start.
     """
@@ -89,7 +89,7 @@ def _motion(along: Along) -> Finding:
     )
 
 
-def _objective(along: Along) -> Finding:
+def _objective(along: AdjointSystem) -> Finding:
     value, size = cost(along.problem, along.solution, along.samples)
     off = abs(along.solution.objective - value) / max(size, TINY)
     return Finding(
@@ -98,7 +98,7 @@ def _objective(along: Along) -> Finding:
     )
 
 
-def _modes(along: Along, density: np.ndarray, size: float) -> Iterator[Finding]:
+def _modes(along: AdjointSystem, density: np.ndarray, size: float) -> Iterator[Finding]:
     """Yield how far arcs are from the modes they name: at the bound, on the constraint, held by
     none if singular.
     """
@@ -138,7 +138,7 @@ def _followed(problem: Problem, i: int, mode: Mode, active: np.ndarray) -> bool:
     """Tell whether a control's boundary arc lies on a constraint that the control acts on, the
     named one if any.
     """
-    acting = {constraint.name for constraint in laws.acting(problem, i)}
+    acting = {constraint.name for constraint in laws.controlled_constraints(problem, i)}
     names = [
         c.name for c, on in zip(problem.constraints, active, strict=True) if on and c.name in acting
     ]
@@ -146,7 +146,7 @@ def _followed(problem: Problem, i: int, mode: Mode, active: np.ndarray) -> bool:
 
 
 def _held(
-    along: Along,
+    along: AdjointSystem,
     modes: Modes,
     i: int,
     active: np.ndarray,
@@ -156,7 +156,7 @@ def _held(
     """Tell whether a constraint pushes a control that calls itself singular, while no control
     follows it.
     """
-    acting = {constraint.name for constraint in laws.acting(along.problem, i)}
+    acting = {constraint.name for constraint in laws.controlled_constraints(along.problem, i)}
     for j, constraint in enumerate(along.problem.constraints):
         slope = float(np.max(np.abs(along.samples.values["cx"][:, j]) @ along.scale))
         pushes = float(np.abs(density[j]).max()) * slope * along.horizon > ACTIVE * size
@@ -170,7 +170,7 @@ def _held(
     return False
 
 
-def _parameters(along: Along) -> Iterator[Finding]:
+def _parameters(along: AdjointSystem) -> Iterator[Finding]:
     low, high = along.problem.parameter_box
     for i, name in enumerate(along.problem.parameter_names):
         value = float(along.samples.p[i])

@@ -13,7 +13,7 @@ import numpy as np
 
 from socp.model import ACTIVE, AT_BOUND, NOWHERE, TINY, Condition, Mode, Place, Solution
 from socp.transcription import lgr
-from socp.verdict.adjoint import Along
+from socp.verdict.adjoint import AdjointSystem
 from socp.verdict.nodes import POINTS, Samples
 
 _WEIGHTS = lgr(POINTS).weights
@@ -58,7 +58,7 @@ class Rows:
         return _LOWER if self.offset[k] + self.matrix[k] @ z > 0 else _UPPER
 
 
-def conditions(along: Along) -> Iterator[Rows]:
+def conditions(along: AdjointSystem) -> Iterator[Rows]:
     """Yield every condition of the principle as rows in the unknown multipliers."""
     yield from _switching(along)
     yield from _end_times(along)
@@ -75,7 +75,7 @@ def stretch_at(solution: Solution, control: str, t: float) -> Place:
     return Place(control=control, stretch=k + 1, mode=Mode.parse(row[k][0]))
 
 
-def _switching(along: Along) -> Iterator[Rows]:
+def _switching(along: AdjointSystem) -> Iterator[Rows]:
     """Yield the minimum condition: sigma = 0 inside the box and where a control switches, its sign
     at a bound.
 
@@ -128,7 +128,7 @@ def _switch_nodes(samples: Samples, i: int, jump: float) -> np.ndarray:
     return np.sort(np.concatenate([jumps, jumps + 1]))
 
 
-def _end_times(along: Along) -> Iterator[Rows]:
+def _end_times(along: AdjointSystem) -> Iterator[Rows]:
     """Yield H(tf) + d(Mayer + nu psi)/dtf = 0 where the final time is free, H(t0) = d(Mayer + nu
     psi)/dt0 likewise.
 
@@ -154,7 +154,7 @@ def _end_times(along: Along) -> Iterator[Rows]:
         yield Rows(kind, line, value, t, [NOWHERE], not tight, slack=slack)
 
 
-def _constant(along: Along) -> Rows:
+def _constant(along: AdjointSystem) -> Rows:
     """Return H(t) = H(tf) - integral of H_t - jumps c_t, at both ends of every interval.
 
     It follows from the others where they all hold; it is kept as an independent check and does not
@@ -197,7 +197,7 @@ def _backwards(values: np.ndarray) -> np.ndarray:
     return np.array(np.cumsum(values[::-1], axis=0)[::-1])
 
 
-def _transversality(along: Along) -> Iterator[Rows]:
+def _transversality(along: AdjointSystem) -> Iterator[Rows]:
     """Yield lambda(t0) = -d(Mayer + nu psi)/dx(t0) for initial states that are free; the sign at an
     interval's end.
     """
@@ -222,7 +222,7 @@ def _transversality(along: Along) -> Iterator[Rows]:
         )
 
 
-def _parameters(along: Along) -> Iterator[Rows]:
+def _parameters(along: AdjointSystem) -> Iterator[Rows]:
     """Yield that the objective does not change with a free parameter: integral of H_p + d(Mayer +
     nu psi)/dp = 0.
     """
@@ -263,7 +263,7 @@ def _slack(value: float, low: float, high: float, side: float) -> float:
     return abs(value - (high if side > 0 else low)) if side else 0.0
 
 
-def _signs(along: Along) -> Iterator[Rows]:
+def _signs(along: AdjointSystem) -> Iterator[Rows]:
     """Yield the signs: multipliers of inequalities, of state constraints and of their jumps are not
     negative.
     """

@@ -11,7 +11,7 @@ import numpy as np
 from socp.model import Problem, Solution, lagrange
 from socp.transcription import lgr
 from socp.verdict import claims
-from socp.verdict.adjoint import Along
+from socp.verdict.adjoint import AdjointSystem
 from socp.verdict.nodes import POINTS, Samples
 
 _SCHEME = lgr(POINTS)
@@ -69,7 +69,9 @@ def integral(samples: Samples, values: np.ndarray) -> float:
     return float((weights * values.reshape(samples.intervals, samples.width)[:, :-1]).sum())
 
 
-def worth_of_misses(along: Along, z: np.ndarray, sigma: np.ndarray, density: np.ndarray) -> float:
+def worth_of_misses(
+    along: AdjointSystem, z: np.ndarray, sigma: np.ndarray, density: np.ndarray
+) -> float:
     """Return what the conditions that a solution misses are worth: every miss times its multiplier,
     and as much again.
 

@@ -5,7 +5,7 @@ not found yet.
 import numpy as np
 
 from socp.errors import MethodError
-from socp.laws import derive, forget, note, noted
+from socp.laws import derive, forget_derivation, note_points, noted_points
 from socp.model import Problem, Solution, parameters_of
 from socp.verdict.structure import structure_of
 
@@ -23,7 +23,7 @@ def learn(problem: Problem, solution: Solution) -> bool:
     Returns whether there was anything to learn. The points are near the arc as far as the solution
     is good, and its costates known; what they are worth is decided where the law is derived.
     """
-    if len(noted(problem)) >= _SOLUTIONS:
+    if len(noted_points(problem)) >= _SOLUTIONS:
         return False
     shortest = _SHORTEST * (solution.final_time - solution.initial_time)
     points = [
@@ -37,8 +37,8 @@ def learn(problem: Problem, solution: Solution) -> bool:
     found = found[:, np.isfinite(found).all(axis=0)]
     if not found.size:
         return False
-    note(problem, found)
-    forget(problem)
+    note_points(problem, found)
+    forget_derivation(problem)
     return True
 
 

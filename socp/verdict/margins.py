@@ -7,7 +7,7 @@ import numpy as np
 
 from socp import laws
 from socp.errors import MethodError
-from socp.model import TINY, Arc, Mode, Place, Problem, Solution, along, lagrange, time
+from socp.model import TINY, Arc, Mode, Place, Problem, Solution, evaluate, lagrange, time
 from socp.verdict.conditions import stretch_at
 from socp.verdict.nodes import Samples
 
@@ -93,7 +93,7 @@ def legendre_clebsch(
         symbols = [problem.x, problem.u, problem.costate, time, problem.p]
         function = casadi.Function("clebsch", symbols, [casadi.densify(law.legendre_clebsch)])
         here = (each[..., inside] for each in (samples.x, samples.u, costate, samples.t))
-        (values,) = along(function, *here, samples.p)
+        (values,) = evaluate(function, *here, samples.p)
         matrices = values.reshape(len(singular), -1, len(singular)).transpose(1, 0, 2)
         size = max(float(np.abs(matrices).max()), TINY)
         least = (

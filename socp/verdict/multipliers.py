@@ -10,9 +10,9 @@ from scipy.linalg import lstsq
 from scipy.optimize import linprog
 
 from socp.model import EXTREMAL, TINY, Condition, Finding
-from socp.process import aside
+from socp.process import output_discarded
 from socp.verdict import margins
-from socp.verdict.adjoint import Along
+from socp.verdict.adjoint import AdjointSystem
 from socp.verdict.conditions import Rows
 from socp.verdict.nodes import POINTS
 
@@ -26,7 +26,7 @@ _EXACT = (
 class Case:
     """A solution laid out for judging, with all conditions in the unknown multipliers."""
 
-    along: Along
+    along: AdjointSystem
     rows: tuple[Rows, ...]
 
     def magnitude(self, z: np.ndarray) -> float:
@@ -152,7 +152,7 @@ def _solved(
     weight = np.concatenate([_weight(rows, keep.size, offset.size) for rows, keep in pairs])
     programme = cvxpy.Problem(cvxpy.Minimize(excess if worst else weight @ excess), constraints)
     try:
-        with aside():
+        with output_discarded():
             programme.solve(solver=cvxpy.HIGHS)
     except cvxpy.error.SolverError:
         return None

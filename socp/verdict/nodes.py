@@ -17,8 +17,8 @@ from socp.model import (
     Expr,
     Problem,
     Solution,
-    along,
     column,
+    evaluate,
     legendre_coefficients,
     once,
     parameters_of,
@@ -110,7 +110,7 @@ def _values(
     """
     n, found = at[2].size, {}
     named = _named(problem)
-    results = along(_functions(problem), *at)
+    results = evaluate(_functions(problem), *at)
     for (name, expression), result in zip(named.items(), results, strict=True):
         rows, columns = expression.shape
         block = result.reshape(rows, n, columns) if columns else np.empty((rows, n, 0))

@@ -21,15 +21,15 @@ from socp.model import (
     Feasibility,
     Problem,
     Solution,
-    along,
     barycentric,
+    coincident,
     column,
     condition_function,
     condition_slopes,
     end_values,
+    evaluate,
     lagrange,
     mayer_function,
-    merged,
     once,
     parameters_of,
     running_function,
@@ -83,7 +83,7 @@ def path_miss(
     stack = column(c.expression for c in problem.constraints)
     slopes = casadi.mtimes(casadi.fabs(casadi.jacobian(stack, problem.x)), scale)
     function = casadi.Function("c", [problem.x, time, problem.p], [stack, slopes])
-    values, sizes = along(function, np.array(x).T, np.array(t), p)
+    values, sizes = evaluate(function, np.array(x).T, np.array(t), p)
     # a constraint's magnitude is how much it changes when every state changes by its own, at worst
     # along the way
     relative = values.max(axis=1) / np.where((largest := sizes.max(axis=1)) > 0, largest, 1.0)
@@ -114,7 +114,7 @@ def objective_of(
         return np.array(mayer(states, x[:, 0], p, *ends).full().ravel())
 
     def within(states: np.ndarray) -> np.ndarray:
-        return along(cost, states, u, t, p)[0].ravel()
+        return evaluate(cost, states, u, t, p)[0].ravel()
 
     value = running + float(last(x[:, -1])[0])
     terms = _magnitude(within, x, scale[:, None])
@@ -130,7 +130,7 @@ def running_size(problem: Problem, solution: Solution) -> float:
     is none.
     """
     given = solution.rows("x"), solution.rows("u"), solution.t, parameters_of(problem, solution)
-    values = along(running_function(problem), *given)[0].ravel()
+    values = evaluate(running_function(problem), *given)[0].ravel()
     found = float(np.nansum(0.5 * np.abs(values[1:] + values[:-1]) * np.diff(solution.t)))
     return found if 0.0 < found < np.inf else 1.0
 
@@ -224,7 +224,7 @@ def _hold(constant: np.ndarray) -> Control:
 
 
 def _polynomial(times: np.ndarray, values: np.ndarray) -> Control:
-    if times.size == 1 or merged(times):
+    if times.size == 1 or coincident(times):
         return lambda t, _x: lagrange(times, values, np.array([t]))[:, 0]
     weights, near = barycentric(times), ROUNDED * np.ptp(times)
 

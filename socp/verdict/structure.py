@@ -16,8 +16,8 @@ from socp.model import (
     Mode,
     Problem,
     Solution,
-    along,
     constraint_function,
+    evaluate,
     parameters_of,
 )
 
@@ -63,7 +63,7 @@ def misfit(
     at_bound = (share < AT_BOUND) | (share > 1.0 - AT_BOUND)
     if mode.kind == "boundary":
         near = np.zeros(t.size, dtype=bool)
-        for constraint in laws.acting(problem, control):
+        for constraint in laws.controlled_constraints(problem, control):
             if mode.constraint in {None, constraint.name}:
                 values = constraint_values(problem, solution, constraint, t, solution.at(t))
                 near |= values > -_FITS * max(float(np.ptp(values)), TINY)
@@ -78,7 +78,7 @@ def constraint_values(
 ) -> np.ndarray:
     """Evaluate a state constraint at times t (n,) and states x (nx, n); returns (n,)."""
     function, p = constraint_function(problem, constraint), parameters_of(problem, solution)
-    return along(function, x, t, p)[0].ravel()
+    return evaluate(function, x, t, p)[0].ravel()
 
 
 def _read(problem: Problem, solution: Solution, arc: Arc, i: int) -> list[Stretch]:
@@ -91,7 +91,7 @@ def _read(problem: Problem, solution: Solution, arc: Arc, i: int) -> list[Stretc
     spread = np.array([np.ptp(arc.u[i, arc.nodes(k, "u")]) for k in range(len(arc.mesh) - 1)])
     near = AT_BOUND * (high - low)
     labels = np.full(mean.size, "s", dtype=object)
-    for constraint in laws.acting(problem, i):
+    for constraint in laws.controlled_constraints(problem, i):
         labels[_active(problem, solution, arc, constraint)] = f"b[{constraint.name}]"
     labels[(mean < low + near) & (spread < near)] = "-"
     labels[(mean > high - near) & (spread < near)] = "+"

@@ -32,13 +32,13 @@ from .recording.summary import comparison as comparison
 from .report import Line as Line
 from .report import Row as Row
 from .report import Tone as Tone
-from .report import signed as signed
+from .report import signed_error as signed_error
 from .report import small as small
 from .report import solution_rows as solution_rows
-from .report import switching as switching
+from .report import switching_times as switching_times
 from .report import times as times
 from .report import to_reference as to_reference
 from .report import verdict_rows as verdict_rows
 from .statement import formula as formula
 from .statement import notes as notes
-from .statement import stated as stated
+from .statement import statement_rows as statement_rows

@@ -42,9 +42,9 @@ def verdict_html(verdict: Verdict) -> str:
 @html.register
 def problem_html(problem: Problem) -> str:
     """Return a problem as HTML: what it minimises and subject to what, in its own symbols."""
-    from socp.view.statement import notes, stated
+    from socp.view.statement import notes, statement_rows
 
-    lines = [(label, f"<code>{_text(text)}</code>") for label, text in stated(problem)]
+    lines = [(label, f"<code>{_text(text)}</code>") for label, text in statement_rows(problem)]
     lines += [(label, _text(text)) for label, text in notes(problem)]
     lines += [("source", _text(problem.source))] if problem.source else []
     return _framed(problem.name, problem.title, lines)

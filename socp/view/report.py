@@ -62,7 +62,7 @@ def solution_rows(
     """
     rows = [_method(solution), _came_to(outcome_of(solution) or unjudged)]
     rows += _point(problem, solution)
-    rows += [_row("digits", agreed(solution)), _stop(solution)]
+    rows += [_row("digits", agreed_digits(solution)), _stop(solution)]
     rows.append(Row("feasibility", tuple(_reintegrated(each) for each in solution.verified)))
     if solution.verdict is not None:
         rows.append(Row("verdict", tuple(_judged(solution.verdict, _TOLD))))
@@ -91,7 +91,9 @@ def verdict_rows(verdict: "Verdict") -> list[Row]:
             "variation",
             (f"{k}: {v:.3g} times that of its mean" for k, v in verdict.ringing.items()),
         ),
-        _row("switches", (f"{t:.12g}, {within(error)}" for t, error in verdict.switch_errors)),
+        _row(
+            "switches", (f"{t:.12g}, {switch_error(error)}" for t, error in verdict.switch_errors)
+        ),
     ]
     return [row for row in rows if row.lines]
 
@@ -120,7 +122,7 @@ def judgement(verdict: "Verdict | None") -> str:
     return "extremal" if verdict.extremal else "feasible, not extremal"
 
 
-def switching(solution: "Solution") -> dict[str, list[float]]:
+def switching_times(solution: "Solution") -> dict[str, list[float]]:
     """Return the switching times of every control by name."""
     return {name: [end for _, _, end in row[:-1]] for name, row in solution.structure.items()}
 
@@ -137,12 +139,12 @@ def small(value: float) -> str:
     return "0" if value == 0 else f"{value:.1e}"
 
 
-def signed(value: float) -> str:
+def signed_error(value: float) -> str:
     """Return an error with its sign in two digits."""
     return "0" if value == 0 else f"{value:+.1e}"
 
 
-def within(error: float) -> str:
+def switch_error(error: float) -> str:
     """Return the error of a switching time as text; an infinite one belongs to a time that is not
     determined.
     """
@@ -170,7 +172,7 @@ def to_reference(problem: "Problem", solution: "Solution") -> dict[str, Any] | N
     }
 
 
-def agreed(solution: "Solution") -> list[str]:
+def agreed_digits(solution: "Solution") -> list[str]:
     """Return the digits on which two computations of a solution agree, nothing where there was one
     alone.
 
@@ -232,7 +234,9 @@ def _point(problem: "Problem | None", solution: "Solution") -> Iterator[Row]:
         yield _row("word", ["none: the point is infeasible"])
         return
     yield _row("word", (f"{name}: {_modes(row)}" for name, row in solution.structure.items()))
-    yield _row("switches", (f"{name}: {times(each)}" for name, each in switching(solution).items()))
+    yield _row(
+        "switches", (f"{name}: {times(each)}" for name, each in switching_times(solution).items())
+    )
 
 
 def _objective(solution: "Solution") -> tuple[str, ...]:
@@ -346,7 +350,7 @@ def _same_word(problem: "Problem", solution: "Solution") -> bool | None:
 def _reference(found: dict[str, Any] | None) -> list[str]:
     if found is None:
         return []
-    parts = [f"objective {signed(found['error'])} from {found['objective']:.12g}"]
+    parts = [f"objective {signed_error(found['error'])} from {found['objective']:.12g}"]
     if found["switches"] is not None:
         parts.append(f"switching times within {small(found['switches'])}")
     if found["word"] is not None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import casadi
 import numpy as np
 
-from socp.model import AREA, HYPERBOLIC, POWERS, TRIGONOMETRIC, Expr, coded
+from socp.model import AREA, HYPERBOLIC, POWERS, TRIGONOMETRIC, Expr, operation_names
 
 _INFIX = {  # operation -> sign, precedence
     casadi.OP_LE: (" <= ", 1),
@@ -23,7 +23,7 @@ _INFIX = {  # operation -> sign, precedence
     casadi.OP_POW: ("**", 5),
     casadi.OP_CONSTPOW: ("**", 5),
 }
-_CALLS = coded(
+_CALLS = operation_names(
     *(*POWERS, *TRIGONOMETRIC, *HYPERBOLIC, *AREA, "fabs", "sign", "floor", "ceil", "erf"),
     *("fmin", "fmax", "atan2", "fmod", "log1p", "expm1", "hypot"),
 )
@@ -126,7 +126,7 @@ if TYPE_CHECKING:
 Line = tuple[str, str]
 
 
-def stated(problem: "Problem") -> Iterator[Line]:
+def statement_rows(problem: "Problem") -> Iterator[Line]:
     """Yield (label, text) of cost, dynamics, bounds, ends, constraints and given laws."""
     terms = [formula(problem.minimise)] if problem.minimise is not None else []
     terms += [f"integral of {formula(problem.running)}"] if problem.running is not None else []

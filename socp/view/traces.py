@@ -135,7 +135,7 @@ def _completed(
         return Traces(**found, switching=np.full(found["u"].shape, np.nan), hamiltonian=unknown)
     import casadi
 
-    from socp.model import along, column, parameters_of, time
+    from socp.model import column, evaluate, parameters_of, time
 
     constraints = column(each.expression for each in problem.constraints)
     symbols = [problem.x, problem.u, problem.costate, time, problem.p]
@@ -143,7 +143,7 @@ def _completed(
         casadi.densify(each) for each in (problem.switching, problem.hamiltonian, constraints)
     ]
     given = found["x"], found["u"], found["costate"], found["t"], parameters_of(problem, solution)
-    switching, hamiltonian, c = along(casadi.Function("along", symbols, results), *given)
+    switching, hamiltonian, c = evaluate(casadi.Function("along", symbols, results), *given)
     named = {each.name: c[k] for k, each in enumerate(problem.constraints)}
     return Traces(
         **found,

@@ -16,7 +16,7 @@ from conftest import PLUGIN, Install
 from socp import Solution, controls, states
 from socp.cli import main
 from socp.cli.commands.comparing import Row, best_of
-from socp.cli.options import build, shared
+from socp.cli.options import build, options_by_method
 from socp.errors import MethodError
 from socp.methods.guess import default_guess
 from socp.model.symbols import time
@@ -572,7 +572,7 @@ def test_the_best_is_the_lowest_of_the_feasible_or_else_the_most_feasible() -> N
 
 def test_shared_options_of_a_method_not_compared_are_refused(registry: Registry) -> None:
     with pytest.raises(MethodError, match=r"no method here has an option 'trapezoidal\.steps'"):
-        shared([registry.methods["euler-ipopt"]], ["trapezoidal.steps=3"])
+        options_by_method([registry.methods["euler-ipopt"]], ["trapezoidal.steps=3"])
 
 
 # -- the process

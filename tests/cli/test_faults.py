@@ -27,18 +27,18 @@ from conftest import PLUGIN, Install
 from socp import Method, Problem, Solution, controls, default_guess, run, single_phase, states
 from socp.cli import main
 from socp.cli.keeping import keep
-from socp.cli.locking import alone
+from socp.cli.locking import locked
 from socp.errors import ContractError
 from socp.model.solution import Stop
 from socp.model.symbols import final_time
 from socp.process import interruption
 from socp.registry.loading import load_file
 from socp.registry.plugins import Registry
-from socp.registry.recorder import sealed
+from socp.registry.recorder import read_only
 from socp.solvers.bonmin import Bonmin
 from socp.study.clusters import Outcome
 from socp.study.store import Kept
-from socp.study.workers import worked
+from socp.study.workers import results_of
 from socp.transcription.collocation import collocate
 from socp.transcription.mesh import uniform
 from socp.transcription.schemes import euler
@@ -678,7 +678,7 @@ def test_workers_import_nothing_from_the_current_folder(
     shadowed(tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
-    assert dict(worked(operator.neg, [2], 1)) == {2: -2}
+    assert dict(results_of(operator.neg, [2], 1)) == {2: -2}
     assert "PYTHONSAFEPATH" not in os.environ
 
 
@@ -828,7 +828,7 @@ def test_a_listener_that_fails_is_named_and_stops_no_other(
 
 
 def test_a_listener_cannot_alter_the_solution(certified: Solution) -> None:
-    text, copied = certified.to_json(), sealed(certified)
+    text, copied = certified.to_json(), read_only(certified)
     assert copied.to_json() == text
     for values in (copied.arcs[0].x, copied.arcs[0].t, copied.arcs[0].u, copied.arcs[0].costate):
         with pytest.raises(ValueError, match="read-only"):
@@ -1023,7 +1023,7 @@ def test_a_recorder_that_fails_is_named_and_the_solve_goes_on(
 
 def test_two_recordings_into_one_file_are_refused(command: Command) -> None:
     Path("cart.rrd").write_bytes(b"one")
-    with alone(Path("cart.rrd")):
+    with locked(Path("cart.rrd")):
         said = command(*QUICK, "--record", "cart.rrd")
     assert said.code == 2
     assert said.err == (
@@ -1130,7 +1130,11 @@ def test_outside_the_main_thread_signals_are_left_alone() -> None:
     found = []
 
     def work() -> None:
-        with interruption.listening(), interruption.held(), interruption.requesting(lambda: None):
+        with (
+            interruption.listening(),
+            interruption.signals_held(),
+            interruption.requesting(lambda: None),
+        ):
             found.append(interruption.listens())
 
     thread = threading.Thread(target=work)

@@ -31,7 +31,7 @@ from socp.errors import MethodError, ProblemError, SolveError
 from socp.model.data.files import write_atomic
 from socp.model.findings import Condition, Node, Place
 from socp.model.solution import Stop
-from socp.process.output import aside
+from socp.process.output import output_discarded
 from socp.process.text import file_stem, markdown, markdown_code, one_line, printable
 from socp.solvers import process as apart
 from socp.solvers.contract import NLP, NLPPoint
@@ -424,10 +424,10 @@ def test_aside_discards_what_passes_python_by_and_loses_nothing_else(
 ) -> None:
     library = ctypes.CDLL(None)
     library.printf(b"first\n")
-    with aside():
+    with output_discarded():
         library.printf(b"banner\n")
         os.write(1, b"banner\n")
-        with aside():
+        with output_discarded():
             os.write(1, b"banner\n")
         os.write(1, b"banner\n")
     os.write(1, b"last\n")
@@ -441,7 +441,7 @@ def test_aside_with_threads(capfd: pytest.CaptureFixture[str]) -> None:
 
     def work() -> None:
         for _ in range(50):
-            with aside():
+            with output_discarded():
                 os.write(1, b"banner\n")
 
     threads = [threading.Thread(target=work) for _ in range(8)]

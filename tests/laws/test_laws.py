@@ -14,13 +14,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from socp import laws
 from socp.errors import MethodError, ProblemError
 from socp.laws import book as lawbook
-from socp.laws import law as laws
 from socp.laws import probes as sampled
 from socp.laws.algebra import cramer, determinant, primitive, ratio
-from socp.laws.brackets import extended, flow, hamiltonian_value, switching_row
+from socp.laws.brackets import extended_costate, flow, hamiltonian_value, switching_row
 from socp.laws.given import check_laws
+from socp.laws.principle import ArcPrinciple
 from socp.laws.setting import homogeneous
 from socp.laws.simplify import simplified
 from socp.model.problem import Problem
@@ -80,7 +81,7 @@ def test_derivatives_of_switching_functions_are_their_slopes_along_the_hamiltoni
     for _ in range(3):
         rows.append(row)
         row = motion.of_row(row)
-    z = extended(own)
+    z = extended_costate(own)
     symbols = [time, own.x, own.costate, own.u]
     rate = casadi.Function(
         "f", symbols, [casadi.vertcat(motion.rate, casadi.mtimes(motion.matrix, z)[:-1])]
@@ -240,7 +241,7 @@ def test_conditions_stay_zero_along_an_extremal_with_the_derived_control(
     assert drift(own, laws.derive(own, singular, boundary)) < 1e-9
 
 
-def drift(own: Problem, found: laws.Extremal) -> float:
+def drift(own: Problem, found: ArcPrinciple) -> float:
     """Integrate x and lambda from a point of the arc under its control; return the worst condition,
     relative.
     """
@@ -435,24 +436,27 @@ def test_neighbouring_arcs_tell_which_constraint_a_boundary_arc_follows() -> Non
     own = public("auv")
     names = own.control_names
     assert (
-        str(laws.resolved(own, Word.parse("r: + s +; f: + b -", names)))
+        str(laws.name_constraints(own, Word.parse("r: + s +; f: + b -", names)))
         == "r: + s +; f: + b[u.upper] -"
     )
     assert (
-        str(laws.resolved(own, Word.parse("r: + s +; f: - b +", names)))
+        str(laws.name_constraints(own, Word.parse("r: + s +; f: - b +", names)))
         == "r: + s +; f: - b[u.lower] +"
     )
-    assert str(laws.resolved(own, Word.parse("r: + s; f: + b", names))) == "r: + s; f: + b[u.upper]"
     assert (
-        str(laws.resolved(own, Word.parse("r: + s s; f: b b -", names)))
+        str(laws.name_constraints(own, Word.parse("r: + s; f: + b", names)))
+        == "r: + s; f: + b[u.upper]"
+    )
+    assert (
+        str(laws.name_constraints(own, Word.parse("r: + s s; f: b b -", names)))
         == "r: + s s; f: b[u.upper] b[u.upper] -"
     )
     with pytest.raises(
         MethodError, match=r"control 'f': which state constraint .* b\[u.lower\] or b\[u.upper\]"
     ):
-        laws.resolved(own, Word.parse("r: + s +; f: + b +", names))
+        laws.name_constraints(own, Word.parse("r: + s +; f: + b +", names))
     with pytest.raises(MethodError, match="no state constraint depends on it"):
-        laws.resolved(own, Word.parse("r: b; f: +", names))
+        laws.name_constraints(own, Word.parse("r: b; f: +", names))
     with pytest.raises(
         MethodError, match=r"no state constraint 'speed' .* it has u\.lower, u\.upper"
     ):
@@ -466,8 +470,8 @@ def test_second_order_constraint_is_entered_by_braking() -> None:
         bounds={u: (-1, 1), x: (-1, 1)},
         start={x: 0, v: 0},
     )
-    assert str(laws.resolved(own, Word.parse("+ - b -", ("u",)))) == "u: + - b[x.upper] -"
-    assert str(laws.resolved(own, Word.parse("- + b +", ("u",)))) == "u: - + b[x.lower] +"
+    assert str(laws.name_constraints(own, Word.parse("+ - b -", ("u",)))) == "u: + - b[x.upper] -"
+    assert str(laws.name_constraints(own, Word.parse("- + b +", ("u",)))) == "u: - + b[x.lower] +"
 
 
 # -- degenerate cases have names

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from casadi import cos, pi, sin
 
+from socp import laws
 from socp.errors import MethodError
 from socp.laws import book as lawbook
 from socp.laws import elimination as eliminate
-from socp.laws import law as laws
 from socp.laws import principle
 from socp.laws import probes as sampled
 from socp.laws.drawing import horizon
-from socp.laws.invariant import closed
-from socp.laws.principle import setting_of
+from socp.laws.invariant import spans
+from socp.laws.principle import ArcPrinciple, setting_of
 from socp.laws.setting import contact
 from socp.methods.chain import run
 from socp.methods.guess import default_guess, guess_of
@@ -197,7 +197,7 @@ def test_law_is_found_and_keeps_its_conditions(kind: str) -> None:
         assert np.allclose(ours, theirs, rtol=1e-6, atol=1e-8)
 
 
-def slopes_at(own: Problem, found: laws.Extremal, i: int) -> float:
+def slopes_at(own: Problem, found: ArcPrinciple, i: int) -> float:
     """Return the worst slope of the conditions along the flow under the law, at the points of the
     arc.
 
@@ -241,7 +241,9 @@ def test_catalyst_law_keeps_jacksons_ratio(long: float) -> None:
     ratio = found.points[1] / found.points[2]
     assert np.allclose(np.abs(ratio - 10), np.sqrt(10), rtol=1e-8)
     assert found.feedback is not None
-    values = sampled.evaluator(found.chain[0].problem, found.feedback)(found.points)[0].ravel()
+    values = sampled.evaluator(found.derivatives[0].problem, found.feedback)(found.points)[
+        0
+    ].ravel()
     assert np.allclose(values, ratio / ((ratio - 10) * (1 + ratio) + ratio), rtol=1e-7)
     assert np.isclose(values, 0.22714208).sum() > len(values) / 2
 
@@ -311,14 +313,12 @@ def test_a_span_is_not_closed_where_rows_hold_on_a_surface_of_states_only() -> N
     touch = contact(setting)
     costate_y, costate_x = casadi.SX([0, 1, 0]).T, casadi.SX([1, 0, 0]).T
     state_x, state_y = casadi.horzcat(0, 0, x), casadi.horzcat(0, 0, y)
-    assert closed(setting, touch, [costate_y], [3 * x * costate_y])
-    assert not closed(setting, touch, [costate_y], [costate_x])
-    assert not closed(setting, touch, [costate_y, state_x], [costate_x])
-    assert not closed(setting, touch, [costate_y, state_x], [state_y])
+    assert spans(setting, touch, [costate_y], [3 * x * costate_y])
+    assert not spans(setting, touch, [costate_y], [costate_x])
+    assert not spans(setting, touch, [costate_y, state_x], [costate_x])
+    assert not spans(setting, touch, [costate_y, state_x], [state_y])
     one = casadi.SX([0, 0, 1]).T
-    assert not closed(setting, touch, [one + costate_y, costate_y], [costate_x]), (
-        "no costate: 0 = 1"
-    )
+    assert not spans(setting, touch, [one + costate_y, costate_y], [costate_x]), "no costate: 0 = 1"
 
 
 def test_a_conserved_gradient_proves_nothing() -> None:
@@ -370,18 +370,18 @@ def test_nothing_is_learnt_from_bangs_and_from_costates_that_are_unknown() -> No
     assert not lessons.learn(
         own, replace(made, arcs=(replace(arc, costate=np.full_like(arc.x, np.nan)),))
     )
-    assert not sampled.noted(own)
+    assert not sampled.noted_points(own)
 
 
 def test_failures_are_kept_until_points_are_noted(monkeypatch: pytest.MonkeyPatch) -> None:
     own, calls = corner(1e-5), []
-    chain = principle.chain
-    monkeypatch.setattr(principle, "chain", lambda *given: calls.append(1) or chain(*given))
+    chain = principle.derivatives
+    monkeypatch.setattr(principle, "derivatives", lambda *given: calls.append(1) or chain(*given))
     for _ in range(3):
         with pytest.raises(MethodError):
             laws.derive(own, ("u",))
     assert len(calls) == 1
-    principle.forget(own)
+    principle.forget_derivation(own)
     with pytest.raises(MethodError):
         laws.derive(own, ("u",))
     assert len(calls) == 2
@@ -411,9 +411,9 @@ def test_costate_stays_where_it_cannot_be_eliminated(monkeypatch: pytest.MonkeyP
     assert np.allclose(ours, theirs, rtol=1e-6)
 
 
-def known_costate(found: laws.Extremal) -> casadi.SX:
-    assert found.chain is not None
-    return found.chain[0].problem.costate
+def known_costate(found: ArcPrinciple) -> casadi.SX:
+    assert found.derivatives is not None
+    return found.derivatives[0].problem.costate
 
 
 # -- descriptions

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from socp_problems.auv import problem as auv
 
-from socp.methods.guess import arranged, default_guess, guess_of, split
+from socp.methods.guess import default_guess, guess_along, guess_of, split
 from socp.model import Mode
 from socp.model.problem import Problem
 from socp.model.solution import Solution
@@ -144,14 +144,14 @@ def bang(switches: list[float], values: list[float], last: float) -> Solution:
 
 
 def test_arranging_cuts_a_solution_where_its_controls_switch() -> None:
-    parts = arranged(cart(), bang([2.0, 7.0], [1, 0.3, -1], 10.0), Word.parse("+ s -", ["u"]))
+    parts = guess_along(cart(), bang([2.0, 7.0], [1, 0.3, -1], 10.0), Word.parse("+ s -", ["u"]))
     cuts = [float(arc.t[-1]) for arc in parts.arcs]
     assert cuts == pytest.approx([2.0, 7.0, 10.0], abs=0.11)  # one cell of its grid
     assert [arc.modes for arc in parts.arcs] == [(Mode("free"),)] * 3
 
 
 def test_arranging_keeps_an_interval_for_an_arc_that_is_not_there() -> None:
-    parts = arranged(cart(), bang([5.0], [1, -1], 10.0), Word.parse("+ - + -", ["u"]))
+    parts = guess_along(cart(), bang([5.0], [1, -1], 10.0), Word.parse("+ - + -", ["u"]))
     lengths = [float(arc.t[-1] - arc.t[0]) for arc in parts.arcs]
     assert min(lengths) > 0
     assert sum(lengths) == pytest.approx(10.0)

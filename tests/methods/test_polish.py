@@ -21,17 +21,17 @@ from socp import (
 from socp.methods.guess import split
 from socp.methods.polish import polished
 from socp.methods.solving import Follower
-from socp.model.arc import Arc, joined
+from socp.model.arc import Arc, join
 from socp.model.solution import Solution
 from socp.model.symbols import time
 from socp.registry.plugins import Registry
 from socp.registry.standard import STANDARD, minimum_time, speed_limit
-from socp.search.digits import apart, reached, trusted
-from socp.search.reading import read, revealed
+from socp.search.digits import agrees, apart, with_agreement
+from socp.search.reading import read, with_hidden_bangs
 from socp.transcription.kinks import kinks
 from socp.transcription.phases import follow, single_phase
 from socp.transcription.schemes import radau_iia
-from socp.transcription.shooting import Shooting, ends
+from socp.transcription.shooting import Shooting, interval_ends
 from socp.verdict.certify import judge
 
 REGISTRY = Registry.load()
@@ -141,7 +141,7 @@ def test_joined_pieces_are_the_arc(pieces: int, nodes: int) -> None:
         )
         for k in range(0, pieces * nodes, nodes)
     ]
-    again = joined(cut)
+    again = join(cut)
     for name in ("t", "x", "u", "costate", "mesh"):
         assert np.array_equal(getattr(again, name), getattr(whole, name))
 
@@ -165,7 +165,7 @@ def test_a_bang_shorter_than_a_step_is_found_by_the_deviation_from_the_singular_
     )
     first = read(problem, direct)
     assert [str(arc[0]) for arc in first.arcs] == ["s"]  # what labels alone show
-    assert [str(arc[0]) for arc in revealed(problem, first).arcs] == ["-", "s"]
+    assert [str(arc[0]) for arc in with_hidden_bangs(problem, first).arcs] == ["-", "s"]
 
 
 def test_nothing_is_revealed_on_an_arc_that_keeps_its_law() -> None:
@@ -183,7 +183,7 @@ def test_nothing_is_revealed_on_an_arc_that_keeps_its_law() -> None:
         single_phase(problem), [uniform(radau_iia(2), 25)], Ipopt(), default_guess(problem)
     )
     first = read(problem, direct)
-    assert revealed(problem, first).arcs == first.arcs
+    assert with_hidden_bangs(problem, first).arcs == first.arcs
 
 
 # -- shooting
@@ -203,7 +203,7 @@ def test_a_step_is_of_order_eight() -> None:
     word = Word.parse("u: -", problem.control_names)
     start = Follower(intervals=1)(problem, word, default_guess(problem))
     exact = np.exp(4.0)  # x' = (1 + t) x
-    errors = [abs(ends(follow(problem, word), start, n)[0][0, -1] - exact) for n in (4, 8)]
+    errors = [abs(interval_ends(follow(problem, word), start, n)[0][0, -1] - exact) for n in (4, 8)]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(8.0, abs=0.7)
 
 
@@ -265,7 +265,7 @@ def test_digits_come_from_two_computations() -> None:
     problem = REGISTRY.problem("jacobson_1")
     solution = run(REGISTRY.method("auto")(digits=12), problem, default_guess(problem))
     assert solution.agreement is not None
-    assert reached(solution, 12)
+    assert agrees(solution, 12)
     assert solution.agreement.digits >= 12
     assert abs(solution.objective / problem.reference.objective - 1) < 1e-12
     assert Solution.from_json(solution.to_json()).agreement == solution.agreement
@@ -275,10 +275,10 @@ def test_meshes_are_compared_where_newton_does_not_settle(monkeypatch: pytest.Mo
     monkeypatch.setattr("socp.search.digits.polished", lambda *_: None)
     problem = minimum_time().problem
     solution = along(problem, "u: - +", [1.0, 1.0])
-    found = trusted(problem, solution, 9, Ipopt({"tol": 1e-11}))
+    found = with_agreement(problem, solution, 9, Ipopt({"tol": 1e-11}))
     assert found.agreement is not None
     assert found.extremal
-    assert reached(found, 9)
+    assert agrees(found, 9)
     assert len(found.meshes) > len(solution.meshes)
 
 
@@ -286,5 +286,5 @@ def test_solutions_that_differ_are_said_to() -> None:
     problem = minimum_time().problem
     one, other = along(problem, "u: - +", [1.0, 1.0]), along(problem, "u: + -", [1.0, 1.0])
     assert apart(one, one).digits == 15
-    assert not reached(one, 1)  # nobody has compared anything yet
+    assert not agrees(one, 1)  # nobody has compared anything yet
     assert apart(one, other).switches > 1e-3

@@ -11,7 +11,7 @@ import pytest
 
 from socp import Problem, controls, default_guess, final_time, initial, parameters, states
 from socp.errors import MethodError
-from socp.model import along, evaluation, once, recalled
+from socp.model import cached, evaluate, evaluation, once
 
 calls: list[tuple[str, int]] = []
 
@@ -46,7 +46,7 @@ def test_a_function_is_worked_out_once_for_each_owner_and_argument() -> None:
     assert twice(one, 4) == [8]
     assert twice(other, 3) is not twice(one, 3)
     assert len(calls) == 3
-    assert recalled(one, twice) == {(3,): [6], (4,): [8]}
+    assert cached(one, twice) == {(3,): [6], (4,): [8]}
 
 
 def test_an_error_is_not_kept() -> None:
@@ -56,15 +56,15 @@ def test_an_error_is_not_kept() -> None:
         with pytest.raises(MethodError):
             twice(problem, -1)
     assert len(calls) == 2
-    assert not recalled(problem, twice)
+    assert not cached(problem, twice)
 
 
 def test_neither_a_copy_nor_a_pickle_takes_along_what_was_built() -> None:
     problem = posed()
     evaluation.mayer_function(problem)
     twice(problem, 3)
-    assert not recalled(copy.copy(problem), twice)
-    assert not recalled(pickle.loads(pickle.dumps(problem)), twice)  # noqa: S301 - our own
+    assert not cached(copy.copy(problem), twice)
+    assert not cached(pickle.loads(pickle.dumps(problem)), twice)  # noqa: S301 - our own
 
 
 def test_what_was_built_goes_with_its_owner() -> None:
@@ -97,11 +97,11 @@ def test_values_along_a_solution() -> None:
     x, t, p = guess.rows("x"), guess.t, evaluation.parameters_of(problem, guess)
     values = {c.name: evaluation.constraint_function(problem, c) for c in problem.constraints}
     assert list(values) == ["y.upper", "low"]
-    np.testing.assert_allclose(along(values["low"], x, t, p)[0], [x[0] * p[0] - 5.0])
-    np.testing.assert_allclose(along(values["y.upper"], x, t, p)[0], [x[1] - 3.0])
-    (rate,) = along(evaluation.rate_function(problem), x, guess.rows("u"), t, p)
+    np.testing.assert_allclose(evaluate(values["low"], x, t, p)[0], [x[0] * p[0] - 5.0])
+    np.testing.assert_allclose(evaluate(values["y.upper"], x, t, p)[0], [x[1] - 3.0])
+    (rate,) = evaluate(evaluation.rate_function(problem), x, guess.rows("u"), t, p)
     np.testing.assert_allclose(rate, [x[1] + p[0], guess.rows("u")[0]])
-    (running,) = along(evaluation.running_function(problem), x, guess.rows("u"), t, p)
+    (running,) = evaluate(evaluation.running_function(problem), x, guess.rows("u"), t, p)
     np.testing.assert_allclose(running, [guess.rows("u")[0] * x[0]])
     ends = evaluation.end_values(problem, guess)
     assert ends[0].tolist() == x[:, -1].tolist()
@@ -115,8 +115,8 @@ def test_a_matrix_stands_point_by_point_and_no_points_give_none(n: int) -> None:
     function = casadi.Function("f", [t, p], [casadi.horzcat(t * p, p), t])
     at = np.arange(1.0, n + 1.0)
     if n:
-        first, second = along(function, at, np.array([3.0, 5.0]))
+        first, second = evaluate(function, at, np.array([3.0, 5.0]))
         assert first.reshape(2, n, 2)[:, -1].tolist() == [[3.0 * n, 3.0], [5.0 * n, 5.0]]
         assert second.tolist() == [at.tolist()]
     else:
-        assert [each.shape for each in along(function, at, np.ones(2))] == [(2, 0), (1, 0)]
+        assert [each.shape for each in evaluate(function, at, np.ones(2))] == [(2, 0), (1, 0)]

@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 
 from socp.model.polynomials import (
     barycentric,
+    coincident,
     differentiation,
     lagrange,
     legendre,
     legendre_coefficients,
-    merged,
 )
 from socp.transcription.schemes import lgr
 
@@ -85,10 +85,10 @@ def test_coefficients_give_the_polynomial_back_and_begin_with_its_mean(points: i
 
 
 def test_nodes_merge_where_rounding_is_all_that_parts_them() -> None:
-    assert merged(np.array([1.0, 1.0 + 2e-16]))
-    assert merged(np.array([1.0, 0.5]))
-    assert not merged(np.array([1.0, 1.0 + 1e-14]))
-    assert not merged(np.array([2.0]))
+    assert coincident(np.array([1.0, 1.0 + 2e-16]))
+    assert coincident(np.array([1.0, 0.5]))
+    assert not coincident(np.array([1.0, 1.0 + 1e-14]))
+    assert not coincident(np.array([2.0]))
     # straight lines where they do
     t = np.array([1.0, 1.0 + 2e-16, 1.0 + 4e-16])
     np.testing.assert_array_equal(lagrange(t, np.array([[0.0, 1.0, 2.0]]), t[:1]), [[0.0]])

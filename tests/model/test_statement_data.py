@@ -27,7 +27,7 @@ from socp.model.scene import Scene
 from socp.model.symbols import controls, final_time, initial, initial_time, parameters, states, time
 from socp.registry.plugins import Registry
 from socp.study.store import fingerprint
-from socp.verdict.certify import carrying
+from socp.verdict.certify import with_statement
 
 NAMES = Registry.load(only=()).problems
 a, b, c = (casadi.SX.sym(name) for name in "abc")
@@ -487,10 +487,10 @@ def test_what_cannot_be_written_is_said_and_not_carried() -> None:
         _ = problem.statement
     with pytest.raises(ProblemError, match="call"):
         pickle.dumps(problem)
-    solution = carrying(problem, default_guess(problem))
+    solution = with_statement(problem, default_guess(problem))
     assert solution.statement is None
     assert "the operation 'call' cannot be written as data" in solution.unstated
     assert type(solution).from_json(solution.to_json()).unstated == solution.unstated
-    carried = carrying(everything(), replace(solution))
+    carried = with_statement(everything(), replace(solution))
     assert (carried.unstated, carried.statement) == ("", everything().statement)
     assert fingerprint(problem, "r") != fingerprint(problem, "r")

@@ -19,10 +19,10 @@ from socp.model.solution import Stop
 from socp.model.word import Mode, Word
 from socp.registry.plugins import Registry
 from socp.registry.standard import minimum_time
-from socp.search.candidate import Candidate, without
+from socp.search.candidate import Candidate, without_short_arcs
 from socp.search.insertion import insertions, magnitude
-from socp.search.ledger import Ledger, all_words, canonical, count, inserted
-from socp.search.softening import missed, softened
+from socp.search.ledger import Ledger, all_words, canonical, count, insert_into
+from socp.search.softening import end_miss, softened_problem
 
 LOWER, UPPER, SINGULAR = (Mode("lower"),), (Mode("upper"),), (Mode("singular"),)
 MODES = (LOWER, UPPER, SINGULAR)
@@ -154,7 +154,7 @@ def test_no_time_gives_the_direct_solution_and_says_why(registry: Registry) -> N
 
 def test_a_horizon_that_shrinks_to_a_point_keeps_one_arc() -> None:
     given = Candidate((UPPER, LOWER), (0.0, 0.0, 0.0), default_guess(load("jacobson_1")))
-    assert without(given, 0.0).arcs == (UPPER,)
+    assert without_short_arcs(given, 0.0).arcs == (UPPER,)
 
 
 @pytest.mark.parametrize("solver", ["foo", "", "SCIP"])
@@ -197,10 +197,10 @@ def test_words_are_counted_as_they_are_listed() -> None:
 
 
 def test_an_inserted_arc_meets_its_neighbours() -> None:
-    assert inserted((UPPER, LOWER), 0, SINGULAR) == (UPPER, SINGULAR, UPPER, LOWER)
-    assert inserted((UPPER, LOWER), 0, SINGULAR, 1) == (UPPER, SINGULAR, LOWER)
-    assert inserted((UPPER, LOWER), 1, UPPER, -1) == (UPPER, LOWER)
-    assert inserted((UPPER, LOWER), 1, SINGULAR, 1) == (UPPER, LOWER, SINGULAR)
+    assert insert_into((UPPER, LOWER), 0, SINGULAR) == (UPPER, SINGULAR, UPPER, LOWER)
+    assert insert_into((UPPER, LOWER), 0, SINGULAR, 1) == (UPPER, SINGULAR, LOWER)
+    assert insert_into((UPPER, LOWER), 1, UPPER, -1) == (UPPER, LOWER)
+    assert insert_into((UPPER, LOWER), 1, SINGULAR, 1) == (UPPER, LOWER, SINGULAR)
 
 
 def test_the_ledger_adds_up() -> None:
@@ -267,13 +267,13 @@ def test_nothing_pays_along_an_extremal() -> None:
 
 def test_softened_ends_give_every_word_a_solution_and_a_right_one_its_own() -> None:
     problem = minimum_time().problem
-    soft = softened(problem, scouts(problem, default_guess(problem), 3)[0])
+    soft = softened_problem(problem, scouts(problem, default_guess(problem), 3)[0])
     misses = {}
     for word in ("+", "- +"):
         solution = Follower(points=6, intervals=1)(
             soft, Word.parse(word, ("u",)), default_guess(soft)
         )
         assert solution.stop.ok
-        misses[word] = missed(solution)
+        misses[word] = end_miss(solution)
     assert misses["+"] > 1e-2
     assert misses["- +"] < 1e-7

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.integrate import DOP853
 
-from socp.laws import law as laws
+from socp import laws
 from socp.methods.guess import default_guess
 from socp.model.problem import Problem
 from socp.model.symbols import final_time, initial_time, time
@@ -32,7 +32,7 @@ WITH_WORD = [name for name in NAMES if load(name).reference.word]
 
 
 def word(problem: Problem) -> Word:
-    return laws.resolved(problem, Word.parse(problem.reference.word, problem.control_names))
+    return laws.name_constraints(problem, Word.parse(problem.reference.word, problem.control_names))
 
 
 def test_every_problem_file_is_registered_under_its_own_name() -> None:

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from socp_problems.auv import problem as auv
 from socp_problems.robot_arm import problem as arm
 
+from socp import laws
 from socp.errors import MethodError
-from socp.laws import law as laws
 from socp.laws.modes import arc_modes
 from socp.methods.guess import default_guess, split
 from socp.model import Mode, Modes
@@ -17,7 +17,7 @@ from socp.model.problem import Problem
 from socp.model.solution import Solution
 from socp.model.symbols import controls, final_time, states
 from socp.model.word import Word
-from socp.search.integer.bounds import enclosed, reachable
+from socp.search.integer.bounds import enclosures, reachable
 from socp.search.integer.reduction import binary_modes
 from socp.solvers.contract import NLP
 from socp.solvers.ipopt import Ipopt
@@ -170,7 +170,7 @@ def test_intervals_hold_every_value(ends: list[float], seed: int) -> None:
         a**4 - 2 * a,
     )
     box = np.sort(np.array(ends).reshape(2, 2), axis=0)
-    low, high = enclosed(expressions, x, box)
+    low, high = enclosures(expressions, x, box)
     random = np.random.default_rng(seed)
     function = casadi.Function("f", [x], [expressions])
     for _ in range(20):
@@ -181,7 +181,7 @@ def test_intervals_hold_every_value(ends: list[float], seed: int) -> None:
 
 def test_intervals_know_poles_and_what_they_do_not_know() -> None:
     x = casadi.SX.sym("x")
-    found = enclosed(casadi.vertcat(1 / x, casadi.erf(x), x * 0), x, np.array([[-1.0], [1.0]]))
+    found = enclosures(casadi.vertcat(1 / x, casadi.erf(x), x * 0), x, np.array([[-1.0], [1.0]]))
     assert np.isinf(found[:, :2]).all()
     assert found[:, 2].tolist() == [0.0, 0.0]
 

@@ -25,7 +25,7 @@ from socp.model.solution import Stop
 from socp.search.integer.minlp import SOLVERS, available, minlp
 from socp.search.integer.starts import starts
 from socp.solvers.contract import NLP, NLPPoint
-from socp.solvers.process import Job, Outcome, checked, solved_apart
+from socp.solvers.process import Job, Outcome, evaluated_point, solved_apart
 
 x, z = casadi.SX.sym("x"), casadi.SX.sym("z")
 # minimise x + z with x >= 1 - z: the best point is x = 1, z = 0, and x = 0, z = 1 is as good; z =
@@ -221,7 +221,7 @@ def test_optimal_is_a_word_that_is_not_repeated(fake: Fake) -> None:
 
 
 def test_checking_rounds_binaries_and_looks_at_the_rounded_point() -> None:
-    found = checked(TOY, np.array([0.99995, 0.00005]))
+    found = evaluated_point(TOY, np.array([0.99995, 0.00005]))
     assert found.point.v.tolist() == [0.99995, 0.0]
     assert found.integrality == pytest.approx(5e-5)
     assert found.violation == pytest.approx(5e-5)

@@ -13,7 +13,7 @@ from socp.model.solution import Stop
 from socp.model.symbols import final_time
 from socp.model.word import Mode
 from socp.search.candidate import Candidate, insert, merged
-from socp.search.conclusion import explained
+from socp.search.conclusion import explanation
 from socp.search.effort import Ration, Search
 from socp.search.mending import mends
 from socp.search.reading import candidate, read
@@ -266,5 +266,5 @@ def test_a_search_that_fails_names_the_worst_that_is_left() -> None:
         ),
     )
     search = Search(count=7, best=solved(made("+ -"), verdict))
-    assert "7 tried" in explained(problem, search)
-    assert "switching function sign: 1.0e-01" in explained(problem, search)
+    assert "7 tried" in explanation(problem, search)
+    assert "switching function sign: 1.0e-01" in explanation(problem, search)

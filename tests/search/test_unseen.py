@@ -7,12 +7,12 @@ import pytest
 from casadi import sin
 
 from socp import Problem, Solution, controls, default_guess, final_time, run, states
-from socp.methods import driven, recovered, scouts
-from socp.methods.driving import horizons, stretched
+from socp.methods import motions, scouts, scouts_from_motions
+from socp.methods.driving import horizons, other_horizons
 from socp.model import Progress, Stop
-from socp.process import left, within
+from socp.process import seconds_left, time_limit
 from socp.registry import Registry
-from socp.search import Search, escalated
+from socp.search import Search, escalate
 from socp.solvers import Ipopt
 
 x, v, i, s = states("x v i s")
@@ -54,19 +54,19 @@ def auto(problem: Problem, watch=None, **options) -> Solution:  # noqa: ANN001, 
 
 
 def test_time_is_kept_inside_time() -> None:
-    assert left() == float("inf")
-    with within(100.0):
-        assert 99.0 < left() <= 100.0
-        with within(1000.0):
-            assert left() <= 100.0
-        with within(0.0):
-            assert left() == 0.0
-        assert left() > 99.0
-    assert left() == float("inf")
+    assert seconds_left() == float("inf")
+    with time_limit(100.0):
+        assert 99.0 < seconds_left() <= 100.0
+        with time_limit(1000.0):
+            assert seconds_left() <= 100.0
+        with time_limit(0.0):
+            assert seconds_left() == 0.0
+        assert seconds_left() > 99.0
+    assert seconds_left() == float("inf")
 
 
 def test_a_solve_ends_in_the_time_around_it() -> None:
-    with within(0.0):
+    with time_limit(0.0):
         assert scouts(GROWTH, default_guess(GROWTH), 12) == []
         found = auto(GROWTH)
     assert found.stop is Stop.LIMIT
@@ -77,7 +77,7 @@ def test_a_solve_ends_in_the_time_around_it() -> None:
 
 
 def test_motions_follow_the_dynamics_and_those_in_the_box_go_first() -> None:
-    made = list(driven(GROWTH, default_guess(GROWTH)))
+    made = list(motions(GROWTH, default_guess(GROWTH)))
     assert [each.rows("u")[0, 0] for each in made] == pytest.approx([0.2, 0.4, 0.6, 0.8, 0.0])
     decayed = np.exp(-0.2 * made[1].t)  # u = 0.4: i' = -0.2 i - 0.2 i^2
     exact = 1e-5 * decayed / (1 + 1e-5 * (1 - decayed))
@@ -86,22 +86,22 @@ def test_motions_follow_the_dynamics_and_those_in_the_box_go_first() -> None:
 
 
 def test_a_motion_that_escapes_is_a_finite_guess() -> None:
-    for made in driven(ESCAPE, default_guess(ESCAPE)):
+    for made in motions(ESCAPE, default_guess(ESCAPE)):
         assert np.isfinite(made.rows("x")).all()
         assert made.final_time == 5.0
 
 
 def test_horizons_are_tried_where_the_final_time_is_free() -> None:
     guess = default_guess(PENDULUM)
-    spans = [each.final_time / guess.final_time for each in stretched(PENDULUM, guess)]
+    spans = [each.final_time / guess.final_time for each in other_horizons(PENDULUM, guess)]
     assert sorted(spans) == pytest.approx([0.125, 0.25, 0.5, 2.0, 4.0, 8.0])
     assert horizons(GROWTH) == (1.0,)
-    assert list(stretched(GROWTH, default_guess(GROWTH))) == []
+    assert list(other_horizons(GROWTH, default_guess(GROWTH))) == []
 
 
 def test_a_horizon_far_from_its_estimate_is_met() -> None:
     """The pendulum needs five swings where the straight way is one; a coarse grid is 5 % off."""
-    met = recovered(PENDULUM, default_guess(PENDULUM))
+    met = scouts_from_motions(PENDULUM, default_guess(PENDULUM))
     assert met[0].final_time == pytest.approx(5.70060832624, rel=0.06)
 
 
@@ -110,8 +110,8 @@ def test_a_horizon_far_from_its_estimate_is_met() -> None:
 
 def test_nothing_more_is_tried_without_time_and_it_is_said() -> None:
     search, hand = Search(), [default_guess(GROWTH)]
-    with within(0.0):
-        escalated(GROWTH, search, hand, (hand[0], 100, Ipopt()))
+    with time_limit(0.0):
+        escalate(GROWTH, search, hand, (hand[0], 100, Ipopt()))
     assert search.late
     assert search.grids == []
     assert len(hand) == 1

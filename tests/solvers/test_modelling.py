@@ -20,7 +20,7 @@ from socp.search.integer.disjunctive import disjunctive, pyomo_model
 from socp.search.integer.programmes import programme, write
 from socp.search.integer.reduction import binary_modes
 from socp.solvers.contract import NLP
-from socp.solvers.pyomo_model import pyomo_programme, translated, write_nl
+from socp.solvers.pyomo_model import pyomo_programme, to_pyomo, write_nl
 from socp.transcription.collocation import collocate
 from socp.transcription.mesh import uniform
 from socp.transcription.schemes import lgr
@@ -92,7 +92,7 @@ def test_hyperbolic_functions_are_written_by_exp_where_asked() -> None:
     x = casadi.SX.sym("x")
     model = pyo.ConcreteModel()
     model.x = pyo.Var(initialize=0.7)
-    found = translated(
+    found = to_pyomo(
         casadi.vertcat(casadi.tanh(x), casadi.cosh(x), casadi.sinh(x)),
         x,
         [model.x],
@@ -107,7 +107,7 @@ def test_hyperbolic_functions_are_written_by_exp_where_asked() -> None:
 def test_an_operation_that_pyomo_does_not_have_is_named() -> None:
     x = casadi.SX.sym("x")
     with pytest.raises(MethodError, match="holds 'erf', which has no translation"):
-        translated(casadi.erf(x), x, [1.0])
+        to_pyomo(casadi.erf(x), x, [1.0])
 
 
 # -- disjunctions

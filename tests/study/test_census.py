@@ -28,7 +28,7 @@ from socp.study.census import Tally, explore, recipe, survey
 from socp.study.clusters import Census, Outcome, clusters
 from socp.study.starts import motion, start
 from socp.study.store import Kept, fingerprint
-from socp.study.workers import worked
+from socp.study.workers import results_of
 
 CART = """\
 from socp import Problem, controls, final_time, states
@@ -301,13 +301,13 @@ class Deadly:
 def test_a_worker_that_dies_costs_its_job_alone(
     tmp_path: Path, always: bool, lost: int | None
 ) -> None:
-    found = dict(worked(Deadly(str(tmp_path), 1, always), range(4), 2))
+    found = dict(results_of(Deadly(str(tmp_path), 1, always), range(4), 2))
     assert found == {0: 0, 1: lost, 2: 4, 3: 9}
 
 
 def test_dead_workers_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     outcome = Outcome(0, "", made(1.0))
-    monkeypatch.setattr("socp.study.census.worked", lambda *_: iter([(0, outcome), (1, None)]))
+    monkeypatch.setattr("socp.study.census.results_of", lambda *_: iter([(0, outcome), (1, None)]))
     found = survey(cart(), 2, workers=(2, Cart()))
     assert (found.died, [each.number for each in found.outcomes]) == ((1,), [0])
 

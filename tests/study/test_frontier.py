@@ -16,9 +16,16 @@ from socp.errors import MethodError
 from socp.methods.guess import default_guess
 from socp.model.symbols import final_time
 from socp.registry.plugins import Registry
-from socp.search.neighbours import changed, dropped, left_out, put_in, shortened, spelled
+from socp.search.neighbours import (
+    arc_insertions,
+    arc_removals,
+    mode_changes,
+    shortened,
+    without_arc,
+    word_of,
+)
 from socp.study.census import explore
-from socp.study.frontier import Frontier, best_by_switches, best_word, limit, shortening, told
+from socp.study.frontier import Frontier, best_by_switches, best_word, length_ratios, limit, summary
 from socp.transcription.schemes import euler
 
 x, v = states("x v")
@@ -56,14 +63,14 @@ def fuller() -> tuple[Problem, Frontier]:
 
 def test_an_arc_left_out_leaves_its_time_to_its_neighbours() -> None:
     given = made("+ +", "- +", "+ -")
-    assert [text(each) for each in left_out(given)] == [
+    assert [text(each) for each in arc_removals(given)] == [
         ["- +", "+ -"],
         ["+ +", "+ -"],
         ["+ +", "- +"],
     ]
-    assert dropped(given, 1).edges == (0, 6, 12)
-    assert dropped(given, 0).edges == (0, 8, 12)
-    assert dropped(given, 2).edges == (0, 4, 12)
+    assert without_arc(given, 1).edges == (0, 6, 12)
+    assert without_arc(given, 0).edges == (0, 8, 12)
+    assert without_arc(given, 2).edges == (0, 4, 12)
 
 
 def test_arcs_without_length_go() -> None:
@@ -75,7 +82,7 @@ def test_arcs_without_length_go() -> None:
 
 def test_arcs_put_in_are_near_their_neighbours_and_short() -> None:
     modes = [tuple(made(each).arcs[0]) for each in ("+ +", "- +", "+ -", "- -", "s +")]
-    found = list(put_in(made("+ +", "- +"), modes))
+    found = list(arc_insertions(made("+ +", "- +"), modes))
     assert [text(each) for each in found] == [
         ["- +", "+ +", "- +"],
         ["+ -", "+ +", "- +"],
@@ -96,7 +103,7 @@ def test_arcs_put_in_are_near_their_neighbours_and_short() -> None:
 
 def test_one_control_is_changed_on_one_arc() -> None:
     modes = [tuple(made(each).arcs[0]) for each in ("+ +", "- +", "- -")]
-    assert [text(each) for each in changed(made("+ +", "- +"), modes)] == [
+    assert [text(each) for each in mode_changes(made("+ +", "- +"), modes)] == [
         ["- +"],
         ["+ +"],
         ["+ +", "- -"],
@@ -105,7 +112,7 @@ def test_one_control_is_changed_on_one_arc() -> None:
 
 def test_a_solution_spells_the_word_of_its_arcs() -> None:
     given = made("+ s", "- +", edges=(0.0, 5.0, 12.0))
-    assert (text(spelled(solved(given))), spelled(solved(given)).edges) == (
+    assert (text(word_of(solved(given))), word_of(solved(given)).edges) == (
         ["+ s", "- +"],
         (0, 5, 12),
     )
@@ -163,19 +170,19 @@ def test_the_objectives_of_fuller_tend_to_the_closed_form(fuller: tuple[Problem,
     assert abs(end - problem.reference.objective) < 0.5 * abs(
         rows[-1].objective - problem.reference.objective
     )
-    assert f"3: {rows[-1].objective:.12g}" in told(rows)
-    assert "Aitken" in told(rows)
+    assert f"3: {rows[-1].objective:.12g}" in summary(rows)
+    assert "Aitken" in summary(rows)
 
 
 def test_the_arcs_of_fuller_shorten_by_the_ratio_of_the_closed_form(
     fuller: tuple[Problem, Frontier],
 ) -> None:
     _, found = fuller
-    (ratio,) = shortening(
+    (ratio,) = length_ratios(
         found.rows[3]
     )  # the last arc has to come to rest, which shortens it further
     assert 0.15 < ratio < 0.24212137
-    assert shortening(found.rows[2]) == []
+    assert length_ratios(found.rows[2]) == []
 
 
 def test_no_limit_without_a_geometric_sequence(fuller: tuple[Problem, Frontier]) -> None:

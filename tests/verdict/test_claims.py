@@ -35,11 +35,11 @@ from socp.model.findings import Condition, Finding, Place, Verdict
 from socp.model.solution import Stop
 from socp.model.tolerances import EXTREMAL, FEASIBLE, SHORTEST
 from socp.registry.plugins import Registry
-from socp.search.conclusion import bettered, concluded, explained, foremost, pursued
+from socp.search.conclusion import better_point, conclude, explanation, foremost, pursue
 from socp.search.effort import Ration, Search, clearly, off, precedes
 from socp.search.mending import mends
-from socp.search.neighbours import spelled
-from socp.study.frontier import limit, told
+from socp.search.neighbours import word_of
+from socp.study.frontier import limit, summary
 from socp.transcription.mesh import Mesh
 from socp.transcription.schemes import euler, radau_iia
 from socp.verdict.certify import case
@@ -390,7 +390,7 @@ def test_the_search_drops_the_arcs_that_the_judge_calls_none() -> None:
     rest = replace(first, t=cut + (first.t - first.t[0]) * (first.t[-1] - cut) / np.ptp(first.t))
     judged = judge(KINKED["start"], replace(found, arcs=(stub, rest, second)))
     assert any("without length" in reason for reason in verdict_of(judged).reasons)
-    assert "0: + -" in {each.key for each in mends(KINKED["start"], spelled(judged), judged)}
+    assert "0: + -" in {each.key for each in mends(KINKED["start"], word_of(judged), judged)}
 
 
 # -- extrapolations
@@ -406,7 +406,7 @@ def test_differences_that_are_not_geometric_have_no_limit() -> None:
         1.59998, 1.57518, 1.55768, 1.52418, 1.51527877
     )  # both ends chatter: one arc more helps one
     assert limit(chatters) is None
-    assert "Aitken" not in told(chatters)
+    assert "Aitken" not in summary(chatters)
 
 
 @pytest.mark.parametrize("ratio", [0.9, 0.5, 0.1, 1e-3])
@@ -443,7 +443,7 @@ def direct(steps: int = 200) -> Solution:
 def test_a_better_direct_solution_goes_before_a_word() -> None:
     word = growth("+")
     assert not word.extremal
-    found = concluded(GROWTH, Search(best=word, count=7), [direct(50), direct()])
+    found = conclude(GROWTH, Search(best=word, count=7), [direct(50), direct()])
     assert found.reached == pytest.approx(-np.exp(2), rel=1e-2)
     assert verdict_of(found).feasible
     assert "7 tried" in found.message
@@ -452,7 +452,7 @@ def test_a_better_direct_solution_goes_before_a_word() -> None:
 
 def test_an_infeasible_word_is_not_better_whatever_it_claims() -> None:
     lie = judge(GROWTH, replace(growth("+"), objective=-1e3))
-    found = concluded(GROWTH, Search(best=lie), [direct()])
+    found = conclude(GROWTH, Search(best=lie), [direct()])
     assert found.reached == pytest.approx(-np.exp(2), rel=1e-2)
     assert "reaches 5, its re-integration off by" in found.message
 
@@ -510,12 +510,12 @@ def test_a_certified_extremal_is_not_the_last_word_where_a_better_point_is_known
     assert grid.stop is Stop.SOLVED
     assert grid.objective < -180
     search, hand = Search(best=idle), [grid]
-    pursued(problem, search, hand)
+    pursue(problem, search, hand)
     assert search.best is not None
     assert search.best.extremal
     assert search.best.objective == pytest.approx(-187.28675582, rel=1e-9)
-    assert bettered(problem, search, hand) is None
-    said = concluded(problem, Search(best=idle), hand)  # as if nothing had come of it
+    assert better_point(problem, search, hand) is None
+    said = conclude(problem, Search(best=idle), hand)  # as if nothing had come of it
     assert said.extremal
     assert "an extremal, but not the best: a feasible point with the objective -18" in said.message
 
@@ -523,9 +523,9 @@ def test_a_certified_extremal_is_not_the_last_word_where_a_better_point_is_known
 def test_a_certified_best_is_left_alone() -> None:
     search = Search(best=growth("-"), backend=Ration(0.0))
     before = search.best
-    pursued(GROWTH, search, [direct()])
+    pursue(GROWTH, search, [direct()])
     assert search.best is before
-    assert concluded(GROWTH, search, [direct()]) is before
+    assert conclude(GROWTH, search, [direct()]) is before
 
 
 # -- what the switching function asks for
@@ -556,7 +556,7 @@ def test_the_judge_says_what_the_switching_function_asks_for() -> None:
             f"u, stretch 1 ({word})",
         )
         assert {"0: + -", "0: - + -", "0: + - +"} & {
-            each.key for each in mends(problem, spelled(wrong), wrong)
+            each.key for each in mends(problem, word_of(wrong), wrong)
         }
     told_ = solved(problem, "mboc", switches="0", starts=1)
     assert "an arc is missing, u: " in told_.message
@@ -572,7 +572,7 @@ def test_an_arc_that_the_switching_function_asks_for_is_found() -> None:
 def test_explained_tells_the_worst_reason() -> None:
     finding = Finding(kind=Condition.OTHER, text="a", residual=0.1, place=Place(of="b"))
     word = replace(growth("+"), verdict=Verdict(miss=0.0, findings=(finding,)))
-    said = explained(GROWTH, Search(best=word, count=3))
+    said = explanation(GROWTH, Search(best=word, count=3))
     assert said == "no word of the 3 tried is certified; the best one leaves: a on b: 1.0e-01"
 
 

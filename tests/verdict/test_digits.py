@@ -20,11 +20,11 @@ from socp.model.solution import Stop
 from socp.model.symbols import time
 from socp.registry.plugins import Registry
 from socp.registry.standard import STANDARD, turning_back
-from socp.search.digits import trusted
+from socp.search.digits import with_agreement
 from socp.transcription.kinks import kinks
 from socp.transcription.lifting import mapped
 from socp.verdict.certify import judge
-from socp.view.report import agreed, within
+from socp.view.report import agreed_digits, switch_error
 
 REGISTRY = Registry.load()
 BACKEND = Ipopt({"tol": 1e-11})
@@ -174,7 +174,7 @@ def claims_hold(of: Known, solution: Solution) -> None:
         errors = dict(verdict.switch_errors)
         for t, truth in zip(found, of.switches, strict=True):
             assert abs(t - truth) <= errors[t] + ROUNDING * solution.final_time
-    for line in agreed(solution):
+    for line in agreed_digits(solution):
         assert off <= abs(of.objective) * 10.0 ** -int(line.split()[0]) + rounding
         if found and "within" in line:
             within = float(line.rsplit("within ", 1)[1].split(",")[0])
@@ -257,12 +257,12 @@ def test_what_is_trusted_claims_no_more_than_is_true(
     name: str, exact: Callable[[str], Solution]
 ) -> None:
     of = KNOWN[name]
-    solution = trusted(of.problem, exact(name), 9, BACKEND)
+    solution = with_agreement(of.problem, exact(name), 9, BACKEND)
     assert solution.agreement is not None
     assert solution.verdict is not None
     assert solution.verdict.digits >= 9
     claims_hold(of, solution)
-    assert agreed(solution)[0].startswith(("15 ", "14 ", "13 "))
+    assert agreed_digits(solution)[0].startswith(("15 ", "14 ", "13 "))
 
 
 # -- two controls that switch at one time
@@ -286,7 +286,7 @@ def test_a_sliver_between_two_switches_is_merged(numbers: tuple[float, float, fl
     assert len(sliver.arcs) == 3
     if sliver.extremal:  # its ends say how far they are off
         claims_hold(replace(of, switches=of.switches * 2), sliver)
-    solution = trusted(of.problem, sliver, 9, BACKEND)
+    solution = with_agreement(of.problem, sliver, 9, BACKEND)
     assert len(solution.arcs) == 2
     assert solution.extremal
     claims_hold(of, solution)
@@ -337,7 +337,7 @@ def test_a_time_that_is_left_open_is_given_no_number(exact: Callable[[str], Solu
     times = solution.switches
     verdict = replace(solution.verdict, switch_errors=((times[0], math.inf), (times[1], 1e-3)))
     shown = replace(solution, agreement=Agreement(objective=1e-12, switches=1e-9), verdict=verdict)
-    (text,) = agreed(shown)
+    (text,) = agreed_digits(shown)
     assert text.startswith(
         "12 of the objective: two computations differ by 1.0e-12, switching times within 1.0e-03"
     )
@@ -347,8 +347,8 @@ def test_a_time_that_is_left_open_is_given_no_number(exact: Callable[[str], Solu
     assert again.switch_errors == verdict.switch_errors
     assert (again.flat, again.remaining_error) == (verdict.flat, verdict.remaining_error)
     assert "not determined" in verdict._repr_html_()
-    assert within(math.inf) == "not determined"
-    assert within(1e-3) == "within 1.0e-03"
+    assert switch_error(math.inf) == "not determined"
+    assert switch_error(1e-3) == "within 1.0e-03"
 
 
 # -- controls that switch at one time by symmetry: more equations than unknowns
@@ -381,7 +381,7 @@ def test_symmetric_controls_switch_at_one_time(of: Known) -> None:
     found = along(of, of.problem)
     assert found.stop is Stop.SOLVED
     assert "which agree" in found.message
-    solution = trusted(of.problem, judge(of.problem, found), 9, BACKEND)
+    solution = with_agreement(of.problem, judge(of.problem, found), 9, BACKEND)
     assert solution.extremal
     assert solution.agreement is not None
     assert len(solution.arcs) == 2

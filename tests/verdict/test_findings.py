@@ -13,7 +13,7 @@ from socp.model.findings import Condition, Place
 from socp.model.word import Mode
 from socp.registry.plugins import Registry
 from socp.search.mending import mends
-from socp.search.neighbours import spelled
+from socp.search.neighbours import word_of
 
 x, y = states("x y")
 u, w = controls("u w")
@@ -57,7 +57,7 @@ def test_a_finding_says_which_stretch_of_which_control_it_is_of(wrong: Solution)
 
 def test_a_search_puts_in_the_arc_that_is_asked_for(wrong: Solution, right: Solution) -> None:
     assert right.extremal
-    now = spelled(wrong)
+    now = word_of(wrong)
     (found,) = {each.key for each in mends(TWO, now, wrong)} & {"0: + +; 1: + -"}
     assert found
     assert wrong.verdict is not None

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 import click
 from rich.table import Table
 
-from socp.cli.opening import open_result, unknown
+from socp.cli.opening import open_result, problem_missing
 from socp.cli.session import Exit, Session, heading, show, write_json
-from socp.cli.show import framed, plain
+from socp.cli.show import plain, table_lines
 from socp.errors import ProblemError
 from socp.view import Row, Tone, verdict_rows
 
@@ -34,7 +34,7 @@ def check(session: Session, /, result: str, problem: str | None, as_json: bool) 
 
     solution, found = open_result(session, result, problem)
     if found is None:
-        raise ProblemError(f"{result}: {unknown(solution)}")
+        raise ProblemError(f"{result}: {problem_missing(solution)}")
     solution = judge(found, solution)
     verdict = solution.verdict
     if verdict is None:
@@ -51,4 +51,4 @@ def details(verdict: "Verdict") -> Table:
     said, *more = verdict_rows(verdict)
     tones = {True: Tone.PLAIN, False: Tone.BAD}
     each = tuple(((str(finding), tones[finding.holds]),) for finding in verdict.findings)
-    return framed([said, Row("conditions", each), *more])
+    return table_lines([said, Row("conditions", each), *more])

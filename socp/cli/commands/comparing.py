@@ -11,18 +11,18 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from socp.cli.commands.recording import record_option, recording, told
+from socp.cli.commands.recording import record_option, recording, recording_watch
 from socp.cli.machine import lacking
-from socp.cli.options import shared
+from socp.cli.options import options_by_method
 from socp.cli.progress import progress
-from socp.cli.running import made, solved
+from socp.cli.running import made, run_method
 from socp.cli.session import Exit, Session, messages, results, show, write_json
 from socp.cli.show import facts, variations, worst
 from socp.errors import SocpError
 from socp.model import COMPARED
-from socp.process import heard, held, one_line
+from socp.process import heard, one_line, signals_held
 from socp.registry import Registry, load_problem, reason
-from socp.view import signed, small, switching, times, to_reference
+from socp.view import signed_error, small, switching_times, times, to_reference
 
 if TYPE_CHECKING:
     from socp.methods import Method
@@ -90,13 +90,16 @@ def compare(
     registry = session.registry()
     session.complain(registry)
     chosen = [registry.method(name) for name in dict.fromkeys(names)]
-    options = shared(chosen, given)
+    options = options_by_method(chosen, given)
     built = [made(registry, method.name, options[method.name]) for method in chosen]
     posed = load_problem(problem, registry)
-    with held(), recording(session, registry, posed, how["record"], runs=len(built)) as recorder:
+    with (
+        signals_held(),
+        recording(session, registry, posed, how["record"], runs=len(built)) as recorder,
+    ):
         rows = _rows(registry, posed, built, recorder, quiet=quiet)
     best = best_of(rows)
-    with held():
+    with signals_held():
         if how["as_json"]:
             write_json(
                 {
@@ -160,8 +163,8 @@ def _solved(
 
     try:
         with progress(messages(), f"{problem.name}, {method.name}", quiet=quiet) as watch:
-            solution = solved(
-                registry, method, problem, default_guess(problem), told(watch, recorder)
+            solution = run_method(
+                registry, method, problem, default_guess(problem), recording_watch(watch, recorder)
             )
     except SocpError as error:
         return Row(method.name, error=str(error))
@@ -225,12 +228,12 @@ def _cells(problem: "Problem", row: Row, best: float) -> dict[str, str]:
     cells = {
         "N": str(solution.t.size),
         "objective": f"{objective:.10g}",
-        "to best": signed(objective - best),
+        "to best": signed_error(objective - best),
     }
     if problem.reference is not None:
-        cells["to reference"] = signed(objective - problem.reference.objective)
+        cells["to reference"] = signed_error(objective - problem.reference.objective)
     cells["switching times"] = "\n".join(
-        f"{name}: {times(each, 7)}" for name, each in switching(solution).items()
+        f"{name}: {times(each, 7)}" for name, each in switching_times(solution).items()
     )
     cells |= {f"TV({name})": f"{value:.4g}" for name, value in variations(solution).items()}
     cells |= {

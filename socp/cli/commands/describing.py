@@ -72,12 +72,12 @@ def _flowing(doc: str | None) -> str:
 
 def option_rows(method: "type[Method]") -> Iterator[tuple[str, str, str, str]]:
     """Yield (name, type, default, one line) of every option of a method."""
-    from socp.methods import allowed, options
+    from socp.methods import option_range, options
 
     hints = get_type_hints(method)
     for each in options(method):
         about, hint = each.metadata.get("doc", ""), hints[each.name]
-        least, most = allowed(each, whole=False)
+        least, most = option_range(each, whole=False)
         kind = getattr(hint, "__name__", str(hint)).lower()
         if has_options(each):
             backend, any_of = backend_name(each), " or ".join(backends(each, hint))
@@ -129,8 +129,8 @@ def problem_lines(problem: "Problem") -> Iterator[Line]:
     arcs.
     """
     from socp.laws import law_lines
-    from socp.view import formula, notes, stated
+    from socp.view import formula, notes, statement_rows
 
-    yield from stated(problem)
+    yield from statement_rows(problem)
     yield from law_lines(problem, formula)
     yield from notes(problem)

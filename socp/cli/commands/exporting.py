@@ -9,7 +9,7 @@ from typing import Literal, final
 
 import click
 
-from socp.cli.opening import open_result, unknown
+from socp.cli.opening import open_result, problem_missing
 from socp.cli.session import Exit, Session, writable
 from socp.errors import MethodError
 from socp.registry import load_problem, suggest
@@ -46,7 +46,7 @@ def _result(session: Session, asked: Asked, path: Path) -> None:
 
     solution, problem = open_result(session, asked.source, asked.problem)
     if problem is None:
-        session.note(f"no units and no switching functions: {unknown(solution)}")
+        session.note(f"no units and no switching functions: {problem_missing(solution)}")
     write_atomic(path, WRITERS[_chosen(asked)](solution, problem))
 
 

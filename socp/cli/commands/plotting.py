@@ -8,7 +8,7 @@ from typing import Any, final
 import click
 
 from socp.cli.commands.exporting import stem
-from socp.cli.opening import open_result, unknown
+from socp.cli.opening import open_result, problem_missing
 from socp.cli.session import Exit, Session, writable
 from socp.errors import MethodError
 
@@ -69,7 +69,7 @@ def plot(session: Session, /, **given: Any) -> int:
     check(panels)
     solution, problem = open_result(session, asked.result, asked.problem)
     if problem is None:
-        session.note(f"no bounds and no scene: {unknown(solution)}")
+        session.note(f"no bounds and no scene: {problem_missing(solution)}")
     figure = draw(solution, problem, panels, width=asked.width, stretch=asked.stretch)
     write_atomic(path, to_bytes(figure, ending))
     session.tell(path)

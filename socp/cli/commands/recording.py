@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from socp.cli.locking import alone
-from socp.cli.opening import open_result, unknown
+from socp.cli.locking import locked
+from socp.cli.opening import open_result, problem_missing
 from socp.cli.session import Exit, Session, writable
 from socp.errors import MethodError, ProblemError, SolveError
-from socp.process import held
+from socp.process import signals_held
 from socp.registry import Registry
 
 if TYPE_CHECKING:
@@ -61,12 +61,12 @@ def recording(
     if path is None and not address:
         yield Guarded(None)
         return
-    with alone(path):
+    with locked(path):
         recorder = registry.recorder(problem, path, address, runs)
         try:
             yield recorder
         finally:
-            with held():
+            with signals_held():
                 whole = recorder.close()
             for line in recorder.complaints:
                 session.warn(line)
@@ -74,7 +74,7 @@ def recording(
             session.note(f"recording in {path}; see it with: socp view {path}")
 
 
-def told(watch: "Watch", recorder: "Guarded") -> "Watch":
+def recording_watch(watch: "Watch", recorder: "Guarded") -> "Watch":
     """Return a watch that tells a recorder of the progress as well; the recorder never stops a
     solve.
     """
@@ -140,8 +140,8 @@ def _record(
     """
     solution, problem = open_result(session, result, given, registry)
     if problem is None:
-        raise ProblemError(f"{result}: {unknown(solution)}")
-    with alone(path):
+        raise ProblemError(f"{result}: {problem_missing(solution)}")
+    with locked(path):
         recorder = registry.recorder(problem, path)
         recorder.finish(problem, solution)
         recorder.close()

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any, final
 
 import click
 
-from socp.cli.commands.recording import live_option, record_option, recording, told
+from socp.cli.commands.recording import live_option, record_option, recording, recording_watch
 from socp.cli.keeping import Place, keep
 from socp.cli.options import DEFAULT_METHOD, pairs
 from socp.cli.outcome import code, outcome
 from socp.cli.progress import progress
-from socp.cli.running import made, solved
+from socp.cli.running import made, run_method
 from socp.cli.session import (
     Exit,
     Session,
@@ -24,7 +24,7 @@ from socp.cli.session import (
 )
 from socp.cli.show import facts, report
 from socp.errors import MethodError, SolveError
-from socp.process import held
+from socp.process import signals_held
 from socp.registry import load_guess, load_problem
 
 if TYPE_CHECKING:
@@ -119,13 +119,18 @@ def solve(session: Session, /, **given: Any) -> int:
     problem = load_problem(asked.problem, registry)
     guess = _guess(asked.guess, problem) if asked.guess else default_guess(problem)
     path = writable(Path(asked.out) if asked.out else named_after(problem.name, ".socp.json"))
-    with held(), recording(session, registry, problem, asked.record, live=asked.live) as recorder:
+    with (
+        signals_held(),
+        recording(session, registry, problem, asked.record, live=asked.live) as recorder,
+    ):
         with progress(messages(), f"{problem.name}, {method.name}", quiet=asked.quiet) as watch:
-            solution = solved(registry, method, problem, guess, told(watch, recorder))
+            solution = run_method(
+                registry, method, problem, guess, recording_watch(watch, recorder)
+            )
         place = keep(problem, solution, path)
         session.written.append(place.path)
         recorder.finish(problem, solution)
-    with held():
+    with signals_held():
         _show(problem, solution, place.path, as_json=asked.as_json)
     for line in registry.solved(problem, solution):
         session.warn(line)

@@ -23,9 +23,9 @@ from socp.cli.session import (
     write_json,
 )
 from socp.errors import KeepingError, SolveError
-from socp.process import held
+from socp.process import signals_held
 from socp.registry import Registry, load_problem
-from socp.view import small, switching, times
+from socp.view import small, switching_times, times
 
 if TYPE_CHECKING:
     from socp.model import Problem, Solution
@@ -75,24 +75,24 @@ def census(session: Session, /, **given: Any) -> int:
     on where it was interrupted, and more starts add to the ones that are there.
     """
     from socp.methods import versions
-    from socp.model import useful
+    from socp.model import check_controls
     from socp.study import Kept, fingerprint, recipe, survey
 
     session.quiet, starts = given["quiet"], given["starts"]
     posed = load_problem(given["problem"], session.registry(plugins=False))
-    useful(posed)
+    check_controls(posed)
     path = writable(Path(given["out"]) if given["out"] else named_after(posed.name, ".socp.json"))
     kept = Kept(path.parent / named_after(posed.name, ".census"), fingerprint(posed, recipe()))
     with progress(messages(), f"{posed.name}, census", quiet=session.quiet) as watch:
         found = survey(posed, starts, kept, watch, (given["jobs"], Named(given["problem"])))
-    with held():
+    with signals_held():
         best, place = found.best, None
         if best is not None:
             place = keep(
                 posed, replace(best, options={"starts": starts}, versions=versions()), path
             )
             session.written.append(place.path)
-    with held():
+    with signals_held():
         if given["as_json"]:
             write_json({**_facts(posed, found), "result": str(place.path) if place else None})
         else:
@@ -145,7 +145,7 @@ def _solved(solution: "Solution") -> dict[str, Any]:
         "objective": solution.objective,
         "final_time": solution.final_time,
         "word": solution.word,
-        "switching_times": switching(solution),
+        "switching_times": switching_times(solution),
         "extremal": bool(solution.extremal),
         "residual": verdict.residual if verdict else None,
         "miss": verdict.miss if verdict else None,
@@ -198,7 +198,7 @@ def _cells(solution: "Solution", starts: int) -> Mapping[str, str]:
         "objective": f"{solution.objective:.10g}",
         "word": "\n".join(solution.word.split("; ")),
         "switching times": "\n".join(
-            f"{name}: {times(each, 7)}" for name, each in switching(solution).items()
+            f"{name}: {times(each, 7)}" for name, each in switching_times(solution).items()
         ),
         "starts": str(starts),
         "residual": small(verdict.residual) if verdict else "-",
@@ -235,13 +235,13 @@ def frontier(session: Session, /, **given: Any) -> int:
     result.
     """
     from socp.methods import versions
-    from socp.model import useful
+    from socp.model import check_controls
     from socp.study import best_by_switches as search
     from socp.study import explore
 
     session.quiet = given["quiet"]
     posed = load_problem(given["problem"], session.registry(plugins=False))
-    useful(posed)
+    check_controls(posed)
     path = writable(Path(given["out"]) if given["out"] else named_after(posed.name, ".socp.json"))
     most, dwell = given["most"], given["dwell"]
     with progress(messages(), f"{posed.name}, frontier", quiet=session.quiet) as watch:
@@ -250,14 +250,14 @@ def frontier(session: Session, /, **given: Any) -> int:
             raise SolveError(f"{posed.name}: no direct solution to begin with: {first.error}")
         found = search(posed, most, first.solution, dwell, watch=watch)
     best, place = found.best, None
-    with held():
+    with signals_held():
         if best is not None:
             options = {"max_switches": most, "dwell": dwell}
             place = keep(
                 posed, replace(best, method="frontier", options=options, versions=versions()), path
             )
             session.written.append(place.path)
-    with held():
+    with signals_held():
         if given["as_json"]:
             write_json(
                 {
@@ -316,9 +316,9 @@ def _gap(found: "Frontier", solution: "Solution") -> float:
 
 
 def _words(found: "Frontier") -> str:
-    from socp.study import distinct, limit
+    from socp.study import distinct_rows, limit
 
-    end = limit(distinct(found))
+    end = limit(distinct_rows(found))
     tends = (
         ""
         if end is None

@@ -35,7 +35,7 @@ def document(text: str) -> dict[str, Any]:
         raise ProblemError(
             f"schema: {_shown(found.get('schema', 'none'))}; this socp reads schemas {known}"
         )
-    result = stated.converted(found, Result)
+    result = stated.record_of(found, Result)
     _texts(result)
     if result.statement is not None:
         _statement(result, result.statement)
@@ -46,11 +46,11 @@ def document(text: str) -> dict[str, Any]:
     _in_order(result.arcs)
     _structure(result)
     if result.statement is not None:
-        follow(result, stated.constraint_names(result.statement))
+        check_constraints(result, stated.constraint_names(result.statement))
     return found
 
 
-def named(result: Any, names: Mapping[str, Sequence[str]]) -> None:
+def check_names(result: Any, names: Mapping[str, Sequence[str]]) -> None:
     """Raise ProblemError where the fields of a result, or of a solution, hold other names than
     those of its problem.
 
@@ -63,7 +63,7 @@ def named(result: Any, names: Mapping[str, Sequence[str]]) -> None:
             raise ProblemError(f"{field}: {has}; those of its problem are {needs}")
 
 
-def follow(result: Any, constraints: Sequence[str]) -> None:
+def check_constraints(result: Any, constraints: Sequence[str]) -> None:
     """Raise ProblemError where arcs of a result, or of a solution, name other constraints than
     those of its problem.
     """
@@ -99,7 +99,7 @@ def _statement(result: Result, statement: Mapping[str, Any]) -> None:
         ("control_names", "controls"),
         ("parameters", "parameters"),
     )
-    named(result, {field: statement[each] for field, each in fields})
+    check_names(result, {field: statement[each] for field, each in fields})
 
 
 def _strict(text: str) -> Any:
@@ -123,7 +123,7 @@ def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
         raise ProblemError(
-            f"'{stated.repeated([name for name, _ in pairs])}' is there twice in one table"
+            f"'{stated.duplicate([name for name, _ in pairs])}' is there twice in one table"
         )
     return found
 
@@ -154,7 +154,7 @@ def _texts(result: Result) -> None:
         for text in texts:
             if not text.isprintable():
                 raise ProblemError(f"{field}: {text!r} where a name is needed")
-    twice = stated.repeated([*result.state_names, *result.control_names, *result.parameters])
+    twice = stated.duplicate([*result.state_names, *result.control_names, *result.parameters])
     if twice is not None:
         raise ProblemError(
             f"state_names, control_names, parameters: the name '{twice}' is there twice"

@@ -15,7 +15,7 @@ import numpy as np
 from socp.errors import ProblemError, SolveError
 from socp.model.arc import Arc
 from socp.model.data import consistency
-from socp.model.data.stated import number, shown
+from socp.model.data.stated import number, quotation
 from socp.model.findings import (
     Agreement,
     Condition,
@@ -53,7 +53,7 @@ def read(text: str, solution: Callable[..., T], stops: Any) -> T:
         document = consistency.document(text)
         stop = _stop(document["stop"], stops)
     except ProblemError as error:
-        raise SolveError(f"not a socp result: {shown(error)}") from error
+        raise SolveError(f"not a socp result: {quotation(error)}") from error
     given = {name: value for name, value in document.items() if name not in {"schema", *_DERIVED}}
     return solution(**{**given, **_fields(document), "stop": stop})
 

@@ -14,7 +14,15 @@ from typing import Any
 import casadi
 
 from socp.errors import ProblemError
-from socp.model.graph import AREA, HYPERBOLIC, POWERS, TRIGONOMETRIC, coded, operation_name, traced
+from socp.model.graph import (
+    AREA,
+    HYPERBOLIC,
+    POWERS,
+    TRIGONOMETRIC,
+    fold,
+    operation_name,
+    operation_names,
+)
 from socp.model.symbols import Expr, column
 
 Node = float | str | list[str | int]
@@ -33,7 +41,7 @@ _OF_ONE = (*_UNARY, "erf", "erfinv", "log1p", "expm1", "not")
 _SIGNS = ("add", "sub", "mul", "div", "pow", "constpow", "lt", "le", "eq", "ne", "and", "or")
 _OF_TWO = ("fmod", "remainder", "copysign", "fmin", "fmax", "atan2", "hypot", "if_else_zero")
 ARITY: Mapping[str, int] = {**dict.fromkeys(_OF_ONE, 1), **dict.fromkeys((*_SIGNS, *_OF_TWO), 2)}
-_NAMES = coded(*ARITY)
+_NAMES = operation_names(*ARITY)
 _CODES = {name: code for code, name in _NAMES.items()}
 
 
@@ -144,7 +152,7 @@ def _listed(
         name = _NAMES[operation]
         return place([name, *arguments[: ARITY[name]]])
 
-    found = traced(
+    found = fold(
         column(expressions),
         column(symbols.values()),
         lambda k: place(names[k]),

@@ -67,7 +67,7 @@ def written(problem: "Problem") -> Data:
             data[table].setdefault(names[0], {})[names[1]] = place
     data |= {table: _intervals(getattr(problem, table)) for table in _NUMBERS}
     for each in ("initial_time", "final_time"):
-        data[each] = list(map(stated.spelled, interval(getattr(problem, each))))
+        data[each] = list(map(stated.json_number, interval(getattr(problem, each))))
     data = {"fingerprint": stated.fingerprint(data), "name": problem.name, **data, "about": about}
     try:
         stated.check(data)  # what is written can be read
@@ -163,7 +163,8 @@ def _fixed(its_states: Sequence[Expr]) -> dict[str, Expr]:
 def _intervals(table: Mapping[Expr, Any]) -> Data:
     """Return the intervals of symbols by name, without those that are free."""
     found = {
-        symbol.name(): list(map(stated.spelled, interval(value))) for symbol, value in table.items()
+        symbol.name(): list(map(stated.json_number, interval(value)))
+        for symbol, value in table.items()
     }
     return {name: value for name, value in found.items() if value != ["-inf", "inf"]}
 
@@ -190,8 +191,8 @@ def _about(problem: "Problem", symbols: Mapping[str, Expr]) -> Data:
         tables[table].setdefault(name, []).append(place)
     reference = None if problem.reference is None else asdict(problem.reference)
     if reference is not None:
-        figures = {each: stated.spelled(reference[each]) for each in ("objective", "tolerance")}
-        reference |= {**figures, "switches": list(map(stated.spelled, reference["switches"]))}
+        figures = {each: stated.json_number(reference[each]) for each in ("objective", "tolerance")}
+        reference |= {**figures, "switches": list(map(stated.json_number, reference["switches"]))}
     disc = None if scene is None or scene.target is None else list(map(float, scene.target))
     return {
         "title": problem.title,

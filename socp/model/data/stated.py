@@ -84,7 +84,7 @@ class Statement(Record):
     about: About
 
 
-def converted(data: Any, kind: type[T]) -> T:
+def record_of(data: Any, kind: type[T]) -> T:
     """Return data as a record; ProblemError names the field and what it holds in place of what."""
     try:
         return msgspec.convert(data, kind)
@@ -99,7 +99,7 @@ def check(data: Any) -> None:
     """Raise ProblemError, naming the field, for data that is no statement; whether its problem is
     one is not asked.
     """
-    statement = converted(data, Statement)
+    statement = record_of(data, Statement)
     _names(statement)
     _texts(statement)
     known = dict.fromkeys(names(statement))
@@ -117,7 +117,7 @@ def check(data: Any) -> None:
         )
 
 
-def repeated(names: list[str]) -> str | None:
+def duplicate(names: list[str]) -> str | None:
     """Return the first name that is there twice, if any."""
     seen: set[str] = set()
     for name in names:
@@ -127,7 +127,7 @@ def repeated(names: list[str]) -> str | None:
     return None
 
 
-def shown(error: object) -> str:
+def quotation(error: object) -> str:
     """Return what a message quotes of a file: short, and nothing in it that a terminal would
     obey.
     """
@@ -170,21 +170,21 @@ def constraint_names(data: Mapping[str, Any]) -> list[str]:
     return [*found, *data["path"]]
 
 
-def spelled(value: Any) -> float | str | None:
+def json_number(value: Any) -> float | str | None:
     """Return a number as JSON has it: infinities as texts, nan as null."""
     number = float(value)
     return number if math.isfinite(number) else None if math.isnan(number) else str(number)
 
 
 def number(value: Any) -> float:
-    """Return the number that `spelled` wrote."""
+    """Return the number that `json_number` wrote."""
     return math.nan if value is None else float(value)
 
 
 def _names(statement: Statement) -> None:
     """Check that names tell symbols apart, and that tables hold names of the right kind."""
     symbols = [*statement.states, *statement.controls, *statement.parameters]
-    twice = repeated(symbols)
+    twice = duplicate(symbols)
     if twice is not None:
         raise ProblemError(f"states, controls, parameters: the name '{twice}' is there twice")
     if len(symbols) > _MOST:

@@ -9,7 +9,7 @@ from typing import Any
 import casadi
 import numpy as np
 
-from socp.model import Expr, Problem, time, walked
+from socp.model import Expr, Problem, interpret, time
 from socp.transcription import Table
 
 Span = tuple[float, float]
@@ -17,7 +17,7 @@ Span = tuple[float, float]
 _ALL: Span = (-math.inf, math.inf)
 
 
-def enclosed(expressions: Expr, symbols: Expr, box: np.ndarray) -> np.ndarray:
+def enclosures(expressions: Expr, symbols: Expr, box: np.ndarray) -> np.ndarray:
     """Return an interval (2, m) for every expression (m, 1) of symbols (n, 1) within box (2, n),
     infinite ones allowed.
 
@@ -25,7 +25,7 @@ def enclosed(expressions: Expr, symbols: Expr, box: np.ndarray) -> np.ndarray:
     functions known here is taken as unbounded.
     """
     spans: list[Span] = [(float(low), float(high)) for low, high in box.T]
-    found = walked(
+    found = interpret(
         expressions,
         symbols,
         spans,
@@ -154,7 +154,7 @@ def reachable(problem: Problem, horizon: float, t: Table) -> np.ndarray:
     times = np.array([[problem.initial_time_box[0]], [problem.final_time_box[1]]])
     over = horizon * _overshoot(t)
     for _ in range(_ROUNDS):
-        low, high = enclosed(
+        low, high = enclosures(
             problem.rate, symbols, np.hstack([box, problem.box, times, problem.parameter_box])
         )
         with np.errstate(invalid="ignore"):

@@ -23,21 +23,21 @@ from socp.model import (
     Expr,
     Modes,
     Problem,
-    coded,
     column,
     final_time,
     initial_time,
+    interpret,
+    operation_names,
     time,
-    walked,
 )
 from socp.process import one_line
-from socp.search.integer.bounds import enclosed, reachable
+from socp.search.integer.bounds import enclosures, reachable
 from socp.search.integer.reduction import binary_modes
 from socp.search.integer.template import MODEL
 from socp.solvers import NLPPoint
 from socp.transcription import Table, lgr, table, uniform
 
-_FUNCTIONS = coded(*TRIGONOMETRIC, *HYPERBOLIC, *POWERS)
+_FUNCTIONS = operation_names(*TRIGONOMETRIC, *HYPERBOLIC, *POWERS)
 _SIGNS = {"ADD": "+", "SUB": "-", "MUL": "*", "DIV": "/", "POW": "**", "CONSTPOW": "**"}
 
 
@@ -184,7 +184,7 @@ def _spans(
     box = np.hstack([problem.state_box, times, problem.parameter_box, unknown])
     found: list[list[tuple[float, float] | None]] = []
     for each in combinations:
-        low, high = enclosed(laws.arc_law(problem, each).control, symbols, box)
+        low, high = enclosures(laws.arc_law(problem, each).control, symbols, box)
         spans = np.array([problem.box[0] - high, problem.box[1] - low]).T
         found.append(
             [(float(a), float(b)) if np.isfinite([a, b]).all() else None for a, b in spans]
@@ -244,7 +244,7 @@ def _function(name: str, arguments: dict[str, Expr], expressions: Expr, *, eleme
         for key, each in arguments.items()
         for i in range(each.numel())
     ]
-    found = walked(expressions, symbols, values, operations, lambda number: f"({number!r})")
+    found = interpret(expressions, symbols, values, operations, lambda number: f"({number!r})")
     listed = ", ".join(map(str, found))
     return "\n".join([f"\n\ndef {name}({', '.join(arguments)}):", *lines, f"    return [{listed}]"])
 

@@ -195,10 +195,10 @@ def _global(task: Task) -> tuple[Reduction, Outcome, NLP]:
     reduced = task.reduction()
     begun = [reduced.push(each) for each in task.layouts]
     first = Bonmin()(reduced.problem, begun, _FIRST * task.left, task.watch)
-    return reduced, first, bounded(task, reduced.problem, first)
+    return reduced, first, with_bounds(task, reduced.problem, first)
 
 
-def bounded(task: Task, nlp: NLP, known: Outcome) -> NLP:
+def with_bounds(task: Task, nlp: NLP, known: Outcome) -> NLP:
     """Return a programme with bounds of states and lengths that every point no worse than the known
     one satisfies.
     """

@@ -19,7 +19,7 @@ from socp import laws
 from socp.errors import MethodError
 from socp.laws import admissible, arc_modes, evaluator
 from socp.model import Expr, Mode, Modes, Problem, column, once, time
-from socp.search.integer.bounds import enclosed
+from socp.search.integer.bounds import enclosures
 from socp.transcription import Choice, Phase, PhasedProblem, Row
 
 _SAME = 1e-9  # relative: two formulas of one law differ by rounding
@@ -117,7 +117,7 @@ class _Menu:
         symbols = casadi.vertcat(self.problem.x, time, self.problem.p)
         if casadi.symvar(casadi.substitute(expression, symbols, 0)):
             return np.array([-np.inf, np.inf])
-        return enclosed(casadi.SX(expression), symbols, self.box)[:, 0]
+        return enclosures(casadi.SX(expression), symbols, self.box)[:, 0]
 
     def inside(self, i: int, law: Expr) -> bool:
         """Tell whether a law of control i is bound to stay in the control's box."""

@@ -90,7 +90,7 @@ class Uno:
 
         Raises SolveError where casadi cannot build the programme, and whatever the watch raises.
         """
-        equations, unknowns = overdetermined.counted(nlp)
+        equations, unknowns = overdetermined.equations_and_unknowns(nlp)
         settings = self._settings()
         if equations > unknowns:
             return overdetermined.met(nlp, guess, int(settings["max_iterations"]))

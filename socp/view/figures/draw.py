@@ -11,7 +11,7 @@ import numpy as np
 
 from socp import errors
 from socp.errors import MethodError
-from socp.model import own, picture
+from socp.model import picture, scene_of
 from socp.view.exports import unit
 from socp.view.figures import style
 from socp.view.figures.arrangement import LEFT, RIGHT, TWO, Panel, TimeAxis, arranged, composed
@@ -178,7 +178,7 @@ def _scene(
 ) -> tuple[Panel, bool]:
     """Return the panel of the scene, and whether it goes across the page."""
     seen = picture(problem, solution, along.t)
-    plane = [str(each) for each in own(problem).plane]
+    plane = [str(each) for each in scene_of(problem).plane]
     pairs = zip(plane, seen.labels, strict=True)
     labels = [
         style.label(style.symbol(p), _unit(problem, p))
