@@ -20,4 +20,5 @@ from .guess import scattered_guesses as scattered_guesses
 from .guess import split as split
 from .polish import polished as polished
 from .solving import Follower as Follower
+from .solving import kept_in_box as kept_in_box
 from .solving import sound as sound

@@ -43,10 +43,9 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
         solution = replace(
             solution, method=method.name, options=option_values(method), versions=versions()
         )
-        solution = with_statement(problem, solution)
         with suppress(KeyboardInterrupt), breakable():
             return judge(problem, solution)
-    return solution
+        return with_statement(problem, solution)
 
 
 def check_solution(method: str, problem: Problem, found: Any) -> Solution:

@@ -3,12 +3,11 @@
 from collections.abc import Callable, Iterator
 from itertools import product
 
-import casadi
 import numpy as np
 from scipy.integrate import BDF
 
 from socp.methods.guess import guess_of
-from socp.model import Problem, Solution, parameters_of, scales, time
+from socp.model import Problem, Solution, parameters_of, rate_function, scales
 
 # Of the box: the ends of what a control can do and between; growth and decay balance anywhere
 _LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -73,11 +72,11 @@ def _driven(
     magnitudes.
     """
     p = parameters_of(problem, guess)
-    rate = casadi.Function("rate", [time, problem.x, problem.u, problem.p], [problem.rate])
+    rate = rate_function(problem)
     sizes, x0 = scales(problem, guess), guess.rows("x")[:, 0]
 
     def moved(t: float, x: np.ndarray) -> np.ndarray:
-        return np.array(rate(t, x, u, p).full()).ravel()
+        return np.array(rate(x, u, t, p).full()).ravel()
 
     t = np.linspace(guess.initial_time, last, _NODES)
     with np.errstate(all="ignore"):  # towards a pole

@@ -65,26 +65,30 @@ def guess_of(
     """Return values at times t (n,), x (nx, n) and u (nu, n) as a piecewise linear guess of one
     arc.
     """
-    unknown = np.full_like(x, np.nan)
-    arc = Arc(
-        t=t,
-        x=x,
-        u=u,
-        costate=unknown,
-        mesh=np.arange(t.size),
-        side="both",
-        modes=(Mode("free"),) * u.shape[0],
-    )
-    return Solution(
+    return _guess(
+        (_piecewise_linear(t, x, u, np.full_like(x, np.nan)),),
         problem=problem.name,
-        method="guess",
-        arcs=(arc,),
-        objective=float("nan"),
-        stop=Stop.FAILED,
-        message="a guess",
         state_names=problem.state_names,
         control_names=problem.control_names,
         parameters=p or {},
+    )
+
+
+def _piecewise_linear(t: np.ndarray, x: np.ndarray, u: np.ndarray, costate: np.ndarray) -> Arc:
+    """Return an arc of free controls through values at times t (n,)."""
+    mesh, modes = np.arange(t.size), (Mode("free"),) * u.shape[0]
+    return Arc(t=t, x=x, u=u, costate=costate, mesh=mesh, side="both", modes=modes)
+
+
+def _guess(arcs: tuple[Arc, ...], **of_problem: Any) -> Solution:
+    """Return arcs as a solution that nobody solved for."""
+    return Solution(
+        method="guess",
+        arcs=arcs,
+        objective=float("nan"),
+        stop=Stop.FAILED,
+        message="a guess",
+        **of_problem,
     )
 
 
@@ -126,30 +130,9 @@ def split(guess: Solution, lengths: list[float]) -> Solution:
     arcs = []
     for a, b in itertools.pairwise(corners):
         t = np.linspace(a, b, _NODES)
-        x, u, costate = (guess.at(t, which) for which in ("x", "u", "costate"))
-        arcs.append(
-            Arc(
-                t=t,
-                x=x,
-                u=u,
-                costate=costate,
-                mesh=np.arange(t.size),
-                side="both",
-                modes=(Mode("free"),) * u.shape[0],
-            )
-        )
-    fields: dict[str, Any] = {
-        name: getattr(guess, name)
-        for name in ("problem", "state_names", "control_names", "parameters")
-    }
-    return Solution(
-        method="guess",
-        arcs=tuple(arcs),
-        objective=float("nan"),
-        stop=Stop.FAILED,
-        message="a guess",
-        **fields,
-    )
+        arcs.append(_piecewise_linear(t, guess.at(t), guess.at(t, "u"), guess.at(t, "costate")))
+    of_problem = ("problem", "state_names", "control_names", "parameters")
+    return _guess(tuple(arcs), **{name: getattr(guess, name) for name in of_problem})
 
 
 def guess_along(problem: Problem, solution: Solution, word: Word) -> Solution:

@@ -3,6 +3,7 @@ converged.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import final
 
@@ -54,10 +55,8 @@ class Follower:
         """Solve along a word from one guess; raises MethodError where a law of the word cannot be
         had.
         """
-        phased = follow(problem, word)
         length = (self.dwell, math.inf)
-        phases = tuple(replace(phase, boxed=self.boxed, length=length) for phase in phased.phases)
-        phased = replace(phased, phases=phases)
+        phased = follow(problem, word).with_phases(boxed=self.boxed, length=length)
         meshes = [
             uniform(lgr(self.points), self.intervals or count)
             for count in _counts(guess, len(phased.phases))
@@ -108,6 +107,19 @@ def _counts(guess: Solution, arcs: int) -> list[int]:
         return [1] * arcs
     lengths = [float(arc.t[-1] - arc.t[0]) for arc in guess.arcs]
     return [max(1, math.ceil(_WHOLE * length / sum(lengths))) for length in lengths]
+
+
+def kept_in_box(problem: Problem, solve: Callable[[bool], Solution]) -> Solution:
+    """Return what `solve(False)` gives, or `solve(True)`, which imposes the box of the controls on
+    the laws, where they leave it by themselves and the solver can keep them in.
+
+    Where it is interrupted on the way, so is what is returned.
+    """
+    solution = solve(False)
+    if not solution.stop.ok or sound(problem, solution):
+        return solution
+    boxed = solve(True)
+    return boxed if boxed.stop.ok or boxed.stop is Stop.INTERRUPTED else solution
 
 
 def sound(problem: Problem, solution: Solution) -> bool:

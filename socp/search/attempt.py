@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 
 from socp.errors import MethodError, SolveError
-from socp.methods import solve_collocated, sound
+from socp.methods import kept_in_box, solve_collocated
 from socp.model import SAME_TIME, Problem, Solution, Watch, Word, silent
 from socp.search.candidate import Candidate, insert_modes, merged, without_short_arcs
 from socp.search.effort import Ration
@@ -44,16 +44,12 @@ class Coarse:
         """
         try:
             phased = follow(self.problem, Word(self.problem.control_names, now.arcs))
-            solution = self._solved(phased, now, watch)
-            if solution.stop.ok and not sound(self.problem, solution):
-                boxed = replace(
-                    phased, phases=tuple(replace(phase, boxed=True) for phase in phased.phases)
-                )
-                kept = self._solved(boxed, now, watch)
-                solution = kept if kept.stop.ok else solution
+            return kept_in_box(
+                self.problem,
+                lambda boxed: self._solved(phased.with_phases(boxed=boxed), now, watch),
+            )
         except (MethodError, SolveError):
             return None
-        return solution
 
     def dearer(self) -> bool:
         """Raise the price of missing an end; False where it is as high as it may be."""

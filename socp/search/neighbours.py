@@ -8,7 +8,7 @@ from socp.model import Modes, Solution
 from socp.search import candidate
 from socp.search.candidate import Candidate, merged
 
-_SPROUT = 0.1  # of the shorter neighbour: the first length of an arc put between two
+_LENGTH = 0.1  # of the shorter neighbour: the first length of an arc put between two
 
 
 def word_of(solution: Solution) -> Candidate:
@@ -58,7 +58,7 @@ def arc_insertions(now: Candidate, modes: Sequence[Modes]) -> Iterator[Candidate
         before, after = (now.arcs[j] if 0 <= j < len(now.arcs) else None for j in (k - 1, k))
         beside = [each for each in (before, after) if each is not None]
         length, t = (
-            _SPROUT * min(lengths[j] for j in (k - 1, k) if 0 <= j < len(now.arcs)),
+            _LENGTH * min(lengths[j] for j in (k - 1, k) if 0 <= j < len(now.arcs)),
             now.edges[k],
         )
         left = t if before is None else t - length * (1.0 if after is None else 0.5)

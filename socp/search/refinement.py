@@ -9,7 +9,7 @@ import numpy as np
 
 from socp.errors import MethodError, SolveError
 from socp.laws import arc_modes
-from socp.methods import Follower, polished, sound
+from socp.methods import Follower, kept_in_box, polished
 from socp.model import Problem, Solution, Stop, Watch, Word, scales, silent
 from socp.search.candidate import Candidate
 from socp.search.effort import Ration, Search
@@ -114,13 +114,12 @@ def solve_word(problem: Problem, now: Candidate, backend: Ration, watch: Watch) 
     where that fails.
     """
     word = Word(problem.control_names, now.arcs)
+    follower = Follower(longer=False, backend=backend)
     try:
-        solution = Follower(longer=False, backend=backend)(problem, word, now.guess(), watch)
-        if solution.stop.ok and not sound(problem, solution):
-            boxed = Follower(boxed=True, longer=False, backend=backend)(
-                problem, word, now.guess(), watch
-            )
-            solution = boxed if boxed.stop.ok else solution
+        solution = kept_in_box(
+            problem,
+            lambda boxed: replace(follower, boxed=boxed)(problem, word, now.guess(), watch),
+        )
     except (MethodError, SolveError):
         return None
     if not solution.stop.ok:

@@ -8,7 +8,7 @@ import numpy as np
 
 from socp.errors import MethodError, SolveError
 from socp.laws import arc_modes
-from socp.methods import Follower, guess_along, sound
+from socp.methods import Follower, guess_along, kept_in_box, sound
 from socp.model import (
     COMPARED,
     SHORTEST,
@@ -167,15 +167,11 @@ class _Trials:
     def _solved(self, given: Candidate) -> Solution:
         word = Word(self.problem.control_names, given.arcs)
         follower = Follower(dwell=self.dwell, longer=False, backend=self.backend)
-        solution = follower(self.problem, word, given.guess(), self._told(str(word)))
-        if solution.stop.ok and not sound(self.problem, solution):
-            solution = replace(follower, boxed=True)(
-                self.problem, word, given.guess(), self._told(str(word))
-            )
-        return solution
-
-    def _told(self, word: str) -> Watch:
-        return search_watch(self.watch, f"word {self.words}", word, self.best(self.most))
+        watch = search_watch(self.watch, f"word {self.words}", str(word), self.best(self.most))
+        return kept_in_box(
+            self.problem,
+            lambda boxed: replace(follower, boxed=boxed)(self.problem, word, given.guess(), watch),
+        )
 
     def _kept(self, solution: Solution) -> bool:
         """Keep a solution among the best of its number of switches, without arcs that have
@@ -241,20 +237,6 @@ def _frontier(
         trials.interrupted = True
     rows = tuple(trials.best(n) for n in range(trials.most + 1))
     return Frontier(rows, trials.words, every and not trials.interrupted, trials.interrupted)
-
-
-def best_word(
-    problem: Problem,
-    at_most: int,
-    start: Solution,
-    backend: Backend | None = None,
-    watch: Watch = silent,
-) -> list[Solution]:
-    """Return the best judged solution for every number of switches up to `at_most` with which there
-    is a better one.
-    """
-    trials = _Trials(problem, at_most, 0.0, along_words(backend), watch, width=1)
-    return distinct_rows(_frontier(trials, arc_modes(problem), start, every=False))
 
 
 def distinct_rows(found: Frontier) -> list[Solution]:

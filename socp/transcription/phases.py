@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import final
+from typing import Any, Self, final
 
 import casadi
 import numpy as np
@@ -102,6 +102,10 @@ class PhasedProblem:
     of: Problem
     phases: tuple[Phase, ...]
     rules: tuple[Row, ...] = ()
+
+    def with_phases(self, **changes: Any) -> Self:
+        """Return it with the given fields of every phase replaced, such as `boxed` or `length`."""
+        return replace(self, phases=tuple(replace(phase, **changes) for phase in self.phases))
 
 
 def single_phase(problem: Problem, phases: int = 1) -> PhasedProblem:
