@@ -8,7 +8,7 @@ import argparse
 import tempfile
 from pathlib import Path
 
-from socp import Solution
+from socp import load
 from socp.cli import main as socp
 from socp.registry.plugins import Registry
 
@@ -60,7 +60,7 @@ def section(name: str, title: str, result: Path) -> str:
             "-o",
             str(DOCS / "images" / "auv.svg"),
         )
-    solution = Solution.load(result)
+    solution = load(result)
     judged = (
         "an extremal of Pontryagin's principle"
         if solution.extremal

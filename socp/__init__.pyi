@@ -18,7 +18,9 @@ from .model import final_time as final_time
 from .model import free as free
 from .model import initial as initial
 from .model import initial_time as initial_time
+from .model import load as load
 from .model import parameters as parameters
+from .model import save as save
 from .model import silent as silent
 from .model import states as states
 from .model import time as time

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from socp import SolveError
-from socp.model import Problem, Progress, Solution, picture
+from socp.model import Problem, Progress, Solution
 from socp.process import file_stem, one_line
 from socp.view import (
     HELP,
@@ -25,6 +25,7 @@ from socp.view import (
     items,
     layout,
     log10,
+    picture_of,
     scale,
     streaming,
     together,
@@ -125,10 +126,10 @@ class Recorder:
         if self.count and not self.several:
             self._iterate(solution)
             if self.factors is not None:
-                for each in ground(picture(problem, solution), "/progress/plan"):
+                for each in ground(picture_of(problem, solution), "/progress/plan"):
                     send(self.stream, each)
         colour = PALETTE[len(self.finished) % len(PALETTE)]
-        among = picture(problem, self.finished[0]) if self.finished else None
+        among = picture_of(problem, self.finished[0]) if self.finished else None
         run = (
             Run(f"/runs/{solution.method}", colour, solution.method, among)
             if self.several
@@ -185,7 +186,7 @@ class Recorder:
             "title": one_line(self.problem.title),
             "runs": len(self.finished),
         }
-        seen = together([picture(self.problem, each) for each in self.finished])
+        seen = together([picture_of(self.problem, each) for each in self.finished])
         if self.several:
             send(self.stream, Note(path="/summary", text=comparison(self.problem, self.finished)))
             roots = [f"/runs/{each.method}" for each in self.finished]
@@ -231,7 +232,7 @@ class Recorder:
         """Draw the path of an iterate, and keep account of what that took."""
         import rerun as rr
 
-        seen = picture(self.problem, now)
+        seen = picture_of(self.problem, now)
         if not np.isfinite(seen.path).all():
             return
         self.stream.set_time("progress", sequence=self.count)

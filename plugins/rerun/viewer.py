@@ -42,7 +42,10 @@ def show(path: Path) -> None:
     """
     command = [executable(), "--bind", HOST, "--port", "0", str(path)]
     _needs_display()
-    ended = subprocess.run(command, env=_silent(), check=False, capture_output=True, text=True)  # noqa: S603 - ours
+    # ours
+    ended = subprocess.run(  # noqa: S603
+        command, env=_silent(), check=False, capture_output=True, text=True
+    )
     if ended.returncode != 0:
         raise SolveError(f"{path}: the viewer {_reason(ended.returncode, ended.stderr)}")
 

@@ -46,7 +46,8 @@ def _end(code: int) -> None:
     executing = sys.modules.get("socp.registry.executing")
     if executing is None or not executing.threads():
         return
-    atexit._run_exitfuncs()  # noqa: SLF001 - files that are open get flushed; there is no public way
+    # files that are open get flushed; there is no public way
+    atexit._run_exitfuncs()  # noqa: SLF001
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError, AttributeError):
             stream.flush()

@@ -46,13 +46,15 @@ def keep(problem: "Problem", solution: "Solution", path: Path) -> Place:
     Better is what the judge certifies now, for this problem, where the new one is not certified or
     has a higher objective. Raises KeepingError where it can be written nowhere.
     """
+    from socp.model import save
+
     with signals_held():
         taken = path.is_file() and _better(problem, path, solution)
         place = path
         if taken:
             place = path.with_name(f"{_stem(path)}.{_kind(solution)}{ENDING}")
         try:
-            solution.save(place)
+            save(solution, place)
         except (SocpError, OSError) as error:
             return _elsewhere(solution, place, str(error))
     if taken:
@@ -80,11 +82,11 @@ def _better(problem: "Problem", path: Path, new: "Solution") -> bool:
     judged anew.
     """
     from socp.methods import check_solution
-    from socp.model import Solution
+    from socp.model import load
     from socp.verdict import judge
 
     try:
-        old = Solution.load(path)
+        old = load(path)
         if not old.extremal or old.problem != problem.name:
             return False
         if new.extremal and new.objective <= old.objective + _ALIKE * max(
@@ -105,9 +107,11 @@ def _better(problem: "Problem", path: Path, new: "Solution") -> bool:
 
 def _elsewhere(solution: "Solution", path: Path, error: str) -> Place:
     """Write a result where there is room for it, when its own place cannot be written."""
+    from socp.model import save
+
     for place in _refuges(path):
         try:
-            solution.save(place)
+            save(solution, place)
         except (SocpError, OSError):
             continue
         return Place(place, f"{error}; the result is in {place}", failed=True)

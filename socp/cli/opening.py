@@ -26,9 +26,9 @@ def open_result(
     is None where there is none of them. SolveError says what is wrong with the file, or that it is
     not a result of its problem.
     """
-    from socp.model import Problem, Solution, quotation
+    from socp.model import Problem, load, quotation
 
-    solution, own = Solution.load(path), None
+    solution, own = load(path), None
     registry = registry or session.registry()
     if solution.statement is not None:
         try:

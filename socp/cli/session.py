@@ -92,7 +92,9 @@ def writable(path: Path, option: str = "--out", *, replaced: bool = True) -> Pat
     """
     folder = path.parent
     try:
-        there, regular, directory = os.path.exists(path), os.path.isfile(path), os.path.isdir(path)  # noqa: PTH110, PTH112, PTH113 - these never raise
+        # these never raise
+        there = os.path.exists(path)  # noqa: PTH110
+        regular, directory = os.path.isfile(path), os.path.isdir(path)  # noqa: PTH112, PTH113
         if not directory:
             _nameable(path)
     except (OSError, ValueError) as error:

@@ -2,9 +2,12 @@ from .advice import hint_for as hint_for
 from .arc import Arc as Arc
 from .arc import join as join
 from .checks import check_controls as check_controls
+from .data.comparing import differences as differences
 from .data.consistency import check_constraints as check_constraints
-from .data.files import write_atomic as write_atomic
-from .data.portable import differences as differences
+from .data.files import from_json as from_json
+from .data.files import load as load
+from .data.files import save as save
+from .data.files import to_json as to_json
 from .data.stated import quotation as quotation
 from .evaluation import cached as cached
 from .evaluation import condition_function as condition_function
@@ -40,6 +43,7 @@ from .graph import interpret as interpret
 from .graph import operation_names as operation_names
 from .parts import Constraint as Constraint
 from .parts import Reference as Reference
+from .parts import Scene as Scene
 from .polynomials import barycentric as barycentric
 from .polynomials import coincident as coincident
 from .polynomials import differentiation as differentiation
@@ -51,10 +55,6 @@ from .progress import Progress as Progress
 from .progress import Watch as Watch
 from .progress import search_watch as search_watch
 from .progress import silent as silent
-from .scene import Picture as Picture
-from .scene import Scene as Scene
-from .scene import picture as picture
-from .scene import scene_of as scene_of
 from .solution import Solution as Solution
 from .solution import Stop as Stop
 from .symbols import Expr as Expr

@@ -8,8 +8,9 @@ import casadi
 import numpy as np
 
 from socp.errors import ProblemError
-from socp.model import advice, keys, ranges, scene
+from socp.model import advice, keys, ranges
 from socp.model.graph import fold, not_affine
+from socp.model.parts import check_scene, scene_expressions
 from socp.model.symbols import (
     Expr,
     final_time,
@@ -59,11 +60,11 @@ def validate(problem: "Problem") -> None:
     written.
     """
     try:
-        keys.check(problem)
-        scene.check(problem.scene)
+        keys.check(vars(problem))
+        check_scene(problem.scene)
         _expressions(problem)
         _symbols(problem)
-        ranges.check(problem)
+        ranges.check(vars(problem))
         _used(problem)
         _affine(problem)
         _acting(problem)
@@ -96,7 +97,7 @@ def placed_expressions(problem: "Problem") -> Iterator[tuple[str, Expr]]:
                 "target"
             )
         yield f"path '{name}'", left
-    yield from scene.scene_expressions(problem.scene)
+    yield from scene_expressions(problem.scene)
 
 
 def _expressions(problem: "Problem") -> None:

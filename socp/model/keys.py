@@ -3,15 +3,14 @@ conditions.
 """
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from socp.errors import ProblemError
-from socp.model.parts import Reference
-from socp.model.symbols import final_time, initial_time, is_number, is_symbol, role, time
+from socp.model.parts import check_reference, check_text
+from socp.model.symbols import final_time, initial_time, is_symbol, role, time
 from socp.process import a, plainly, short, shown
 
-if TYPE_CHECKING:
-    from socp.model.problem import Problem
+Arguments = Mapping[str, Any]  # of a problem, by name
 
 TABLES = (
     "dynamics",
@@ -41,17 +40,20 @@ _LONGEST = (
 _TIMES = (initial_time, final_time)
 
 
-def check(problem: "Problem") -> None:
-    """Raise ProblemError for a name, a table or a key of a wrong kind."""
-    _name(problem.name)
+def check(problem: Arguments) -> None:
+    """Raise ProblemError for a name, a table or a key of a wrong kind among a problem's
+    arguments.
+    """
+    _name(problem["name"])
     for text in ("title", "source"):
-        _string(text, getattr(problem, text))
-    _reference(problem.reference)
+        check_text(text, problem[text])
+    check_reference(problem["reference"])
     for table in TABLES:
-        given = getattr(problem, table)
-        if not isinstance(given, Mapping):
-            raise ProblemError(f"{table}: {shown(given)} where a table {{...: ...}} is needed")
-    if not problem.dynamics:
+        if not isinstance(problem[table], Mapping):
+            raise ProblemError(
+                f"{table}: {shown(problem[table])} where a table {{...: ...}} is needed"
+            )
+    if not problem["dynamics"]:
         raise ProblemError("dynamics: give the rate of at least one state, dynamics={x: ...}")
     _keys(problem)
 
@@ -80,30 +82,12 @@ def _name(name: Any) -> None:
         )
 
 
-def _reference(given: Any) -> None:
-    if given is None:
-        return
-    if not isinstance(given, Reference):
-        raise ProblemError(f"reference: {shown(given)} where a Reference(objective=...) is needed")
-    for name in ("objective", "tolerance"):
-        if not is_number(getattr(given, name)):
-            raise ProblemError(
-                f"reference {name}: {shown(getattr(given, name))} where a number is needed"
-            )
-    if not isinstance(given.switches, (tuple, list)) or not all(map(is_number, given.switches)):
-        raise ProblemError(
-            f"reference switches: {shown(given.switches)} where times (t1, t2, ...) are needed"
-        )
-    for name in ("word", "source"):
-        _string(f"reference {name}", getattr(given, name))
-
-
-def _keys(problem: "Problem") -> None:
+def _keys(problem: Arguments) -> None:
     for table, kinds in KINDS.items():
-        for key in getattr(problem, table):
+        for key in problem[table]:
             _key(table, key, kinds)
     for table in ("target", "path"):
-        for name in getattr(problem, table):
+        for name in problem[table]:
             if not isinstance(name, str) or not name.strip():
                 raise ProblemError(
                     f"{table}: {shown(name)} where the condition's name, a string, is needed"
@@ -113,13 +97,8 @@ def _keys(problem: "Problem") -> None:
                     f"path: {shown(name)}: a word names it as b[{short(name)}], so that it may "
                     "hold no blank, [ ] or ;"
                 )
-    for symbol, unit in problem.units.items():
-        _string(f"units of '{symbol}'", unit)
-
-
-def _string(place: str, value: Any) -> None:
-    if not isinstance(value, str):
-        raise ProblemError(f"{place}: {shown(value)} where a string is needed")
+    for symbol, unit in problem["units"].items():
+        check_text(f"units of '{symbol}'", unit)
 
 
 def _key(table: str, key: Any, kinds: tuple[str, ...]) -> None:

@@ -14,42 +14,18 @@ from socp.errors import ProblemError
 from socp.model import advice, checks, keys
 from socp.model.data import portable
 from socp.model.data.views import view
-from socp.model.parts import Constraint, EndCondition, Reference
+from socp.model.parts import Constraint, EndCondition, Reference, Scene
 from socp.model.ranges import interval, rows
-from socp.model.scene import Scene
 from socp.model.symbols import (
     Expr,
     column,
-    controls,
-    final_time,
     free,
     initial,
-    initial_time,
-    parameters,
     relation,
-    states,
     symbols_of,
-    time,
 )
 
 _TIMES = ("time", "t", "t0", "tf")  # names of the time and of its ends
-
-__all__ = [
-    "Constraint",
-    "EndCondition",
-    "Expr",
-    "Problem",
-    "Reference",
-    "Scene",
-    "controls",
-    "final_time",
-    "free",
-    "initial",
-    "initial_time",
-    "parameters",
-    "states",
-    "time",
-]
 
 
 @final
@@ -122,7 +98,7 @@ class Problem:
         """The problem as data, as result files carry it; ProblemError names an operation that has
         no spelling.
         """
-        return portable.written(self)
+        return portable.written(vars(self), self.symbols)
 
     @property
     def fingerprint(self) -> str:
@@ -142,6 +118,12 @@ class Problem:
         return _restored, (json.dumps(self.statement),)
 
     # -- symbols
+
+    @property
+    def symbols(self) -> dict[str, list[Expr]]:
+        """Its states, controls and parameters under these words, each kind in its order."""
+        columns = {"states": self.x, "controls": self.u, "parameters": self.p}
+        return {k: casadi.vertsplit(c) if c.numel() else [] for k, c in columns.items()}
 
     def unit(self, name: str) -> str:
         """Return the unit of a quantity by its name, empty where it has none; `time` and the two
@@ -190,12 +172,12 @@ class Problem:
     @cached_property
     def control_names(self) -> tuple[str, ...]:
         """Names of the controls."""
-        return tuple(symbol.name() for symbol in casadi.vertsplit(self.u)) if self.u.numel() else ()
+        return tuple(symbol.name() for symbol in self.symbols["controls"])
 
     @cached_property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the parameters."""
-        return tuple(symbol.name() for symbol in casadi.vertsplit(self.p)) if self.p.numel() else ()
+        return tuple(symbol.name() for symbol in self.symbols["parameters"])
 
     # -- the control-affine form
 

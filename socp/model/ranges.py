@@ -4,7 +4,7 @@ with them.
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi
 import numpy as np
@@ -22,9 +22,6 @@ from socp.model.symbols import (
     time,
 )
 from socp.process import plainly, shown
-
-if TYPE_CHECKING:
-    from socp.model.problem import Problem
 
 Interval = tuple[float, float]
 
@@ -58,26 +55,23 @@ def rows(symbols: Expr, given: Mapping[Expr, Any]) -> np.ndarray:
     )
 
 
-def check(problem: "Problem") -> None:
-    """Raise ProblemError, naming the offender, for a number that is out of place."""
-    for symbol, value in problem.bounds.items():
+def check(problem: Mapping[str, Any]) -> None:
+    """Raise ProblemError, naming the offender, for a number that is out of place among a problem's
+    arguments.
+    """
+    bounds, initial, final = (problem[name] for name in ("bounds", "initial_time", "final_time"))
+    for symbol, value in bounds.items():
         _bounds(symbol, value)
     for table in ("start", "end"):
-        for symbol, value in getattr(problem, table).items():
-            _end(table, symbol, value, problem.bounds.get(symbol))
-    first = _pair("initial_time", problem.initial_time)
-    last = _pair("final_time", problem.final_time)
+        for symbol, value in problem[table].items():
+            _end(table, symbol, value, bounds.get(symbol))
+    first, last = _pair("initial_time", initial), _pair("final_time", final)
     if last[1] <= first[0]:
-        raise ProblemError(
-            f"final_time: {problem.final_time} is not after initial_time {problem.initial_time}"
-        )
+        raise ProblemError(f"final_time: {final} is not after initial_time {initial}")
     times = abs(first[0]), abs(last[1])
     if max(times) < math.inf and last[1] - first[0] <= _RESOLVED * max(*times, _SMALLEST):
-        raise ProblemError(
-            f"final_time: {problem.final_time} cannot be told from initial_time "
-            f"{problem.initial_time}"
-        )
-    for symbol, value in problem.guess.items():
+        raise ProblemError(f"final_time: {final} cannot be told from initial_time {initial}")
+    for symbol, value in problem["guess"].items():
         _guess(symbol, value)
 
 

@@ -1,39 +1,20 @@
-"""Solutions: frozen arcs of states, controls and costates, evaluation at any time, and the JSON
-result file.
-"""
+"""Solutions: frozen arcs of states, controls and costates, and evaluation at any time."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from socp.errors import SolveError
 from socp.model.arc import Arc, Which
-from socp.model.data import files as results
-from socp.model.data.files import SCHEMA, write_atomic
 from socp.model.data.views import view
 from socp.model.findings import Agreement, Feasibility, Node, Verdict
 from socp.model.tolerances import EXTREMAL
-from socp.process import read_text
 
 if TYPE_CHECKING:
     from socp.model.problem import Problem
-
-__all__ = [
-    "SCHEMA",
-    "Agreement",
-    "Arc",
-    "Feasibility",
-    "Node",
-    "Solution",
-    "Stop",
-    "Which",
-    "write_atomic",
-]
 
 
 class Stop(Enum):
@@ -226,31 +207,3 @@ class Solution:
     def _repr_html_(self) -> str:
         shown: str = view("html")(self)
         return shown
-
-    def to_json(self) -> str:
-        """Return the result file's text: strict JSON with null for nan, floats that read back bit
-        for bit.
-        """
-        return results.to_json(self)
-
-    @classmethod
-    def from_json(cls, text: str) -> Self:
-        """Read what `to_json` wrote; SolveError says what is wrong with anything else."""
-        return results.read(text, cls, Stop)
-
-    def save(self, path: str | Path) -> None:
-        """Write the result file atomically: a reader sees the old file or the new one, never a
-        part.
-
-        Raises SolveError, with the path, where it cannot be written.
-        """
-        write_atomic(Path(path), self.to_json() + "\n")
-
-    @classmethod
-    def load(cls, path: str | Path) -> Self:
-        """Read a result file; SolveError names the file and what is wrong with it."""
-        text = read_text(path)
-        try:
-            return cls.from_json(text)
-        except SolveError as error:
-            raise SolveError(f"{path}: {error}") from error

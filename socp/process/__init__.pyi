@@ -1,6 +1,7 @@
 from .deadline import seconds_left as seconds_left
 from .deadline import time_limit as time_limit
 from .files import read_text as read_text
+from .files import write_atomic as write_atomic
 from .interruption import breakable as breakable
 from .interruption import give_way as give_way
 from .interruption import heard as heard

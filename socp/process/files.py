@@ -1,6 +1,9 @@
-"""Files read whole: regular ones alone, and none that is larger than its kind can be."""
+"""Files read whole and written whole: regular ones alone, and none that is larger than its kind can
+be.
+"""
 
 import os
+import secrets
 import stat
 from pathlib import Path
 
@@ -36,6 +39,35 @@ def read_text(path: str | Path, largest: int = LARGEST) -> str:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:
         raise SolveError(f"{path}: not a socp result: byte {error.start} is not UTF-8") from error
+
+
+def write_atomic(path: Path, content: str | bytes) -> None:
+    """Write text or bytes to a file beside `path`, then rename it; SolveError names the path where
+    that fails.
+
+    A new file has the permissions that the umask leaves; one that is replaced keeps its own.
+    """
+    temporary = path.parent / f".socp-{secrets.token_hex(8)}.part"
+    try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise SolveError(f"{path}: is no regular file, which alone can be replaced")
+        handle = os.open(
+            temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666
+        )
+    except OSError as error:
+        raise SolveError(f"{path}: cannot be written: {error.strerror or error}") from error
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+            file.flush()
+            os.fsync(file.fileno())  # a rename may reach the disk before the content does
+        if path.exists():
+            temporary.chmod(stat.S_IMODE(path.stat().st_mode))
+        temporary.replace(path)
+    except OSError as error:
+        raise SolveError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def _check(path: str | Path, about: os.stat_result, largest: int) -> None:

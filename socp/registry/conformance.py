@@ -23,8 +23,10 @@ from socp.model import (
     Solution,
     Stop,
     Watch,
+    from_json,
     parameters_of,
     time,
+    to_json,
 )
 from socp.registry.standard import STANDARD, Standard
 from socp.verdict import verify
@@ -160,13 +162,13 @@ def _of_class(method: Any) -> Iterator[str]:
 def _on(method: Method, standard: Standard, tolerance: float) -> Iterator[tuple[str, str]]:
     problem = standard.problem
     guess = default_guess(problem)
-    before = guess.to_json()
+    before = to_json(guess)
     try:
         found: list[Any] = [method.solve(problem, guess), method.solve(problem, guess)]
     except Exception as error:  # noqa: BLE001 - the suite reports, whatever a method raises
         yield "solve", f"raised {type(error).__name__}: {error}"
         return
-    if guess.to_json() != before:
+    if to_json(guess) != before:
         yield "guess", "was modified by the solve"
     solution, again = found
     if not isinstance(solution, Solution):
@@ -277,8 +279,8 @@ def _accuracy(
 
 def _file(method: Method, solution: Solution) -> Iterator[tuple[str, str]]:
     try:
-        text = replace(solution, method=method.name, options=option_values(method)).to_json()
-        if Solution.from_json(text).to_json() != text:
+        text = to_json(replace(solution, method=method.name, options=option_values(method)))
+        if to_json(from_json(text)) != text:
             yield "file", "the result file does not read back as it was written"
     except (SocpError, ValueError, TypeError) as error:
         yield "file", f"the result file cannot be written and read: {error}"

@@ -95,7 +95,8 @@ def origin(target: str) -> str:
     """Return the source file of an entry point's module, empty where it cannot be told."""
     try:
         spec = util.find_spec(target.partition(":")[0].strip())
-    except Exception:  # noqa: BLE001 - a parent package is imported here, and may raise whatever it likes
+    except Exception:  # noqa: BLE001
+        # a parent package is imported here, and may raise whatever it likes
         return ""
     return spec.origin or "" if spec else ""
 

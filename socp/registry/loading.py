@@ -31,14 +31,16 @@ def load_problem(given: str, registry: Registry) -> "Problem":
             "an empty name where a problem is needed; give a problem file or a name, see 'socp "
             "list'"
         )
-    if given.endswith(".py") or os.path.exists(given) or len(Path(given).parts) > 1:  # noqa: PTH110 - as below
+    # as below
+    if given.endswith(".py") or os.path.exists(given) or len(Path(given).parts) > 1:  # noqa: PTH110
         return load_file(Path(given))
     return registry.problem(given)
 
 
 def load_file(path: Path, name: str = "problem") -> "Problem":
     """Run a problem file and return the problem that it defines under a name."""
-    if path.suffix == ".json" and os.path.exists(path):  # noqa: PTH110 - Path.exists raises for a name too long
+    # Path.exists raises for a name too long
+    if path.suffix == ".json" and os.path.exists(path):  # noqa: PTH110
         raise ProblemError(
             f"{path} is no problem file; to start from a result, give --guess {path}"
         )
@@ -60,9 +62,9 @@ def load_guess(path: str, problem: "Problem") -> "Solution":
     """Return a saved result as a guess; SolveError says why it cannot be one for this problem."""
     import numpy as np
 
-    from socp.model import Solution
+    from socp.model import load
 
-    guess = check_guess(path, Solution.load(path), problem)
+    guess = check_guess(path, load(path), problem)
     if not all(np.isfinite(each).all() for arc in guess.arcs for each in (arc.x, arc.u)):
         raise SolveError(f"{path}: states or controls in it are not finite; it is no guess")
     return guess

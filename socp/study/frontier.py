@@ -162,7 +162,8 @@ class _Trials:
 
     def all(self, given: Iterable[Candidate]) -> bool:
         """Solve words; returns whether any did better than those before."""
-        return any([self.solve(each) for each in given])  # noqa: C419 - all of them, whichever is better
+        # all of them, whichever is better
+        return any([self.solve(each) for each in given])  # noqa: C419
 
     def _solved(self, given: Candidate) -> Solution:
         word = Word(self.problem.control_names, given.arcs)

@@ -11,7 +11,8 @@ from typing import Any, final
 
 from socp.errors import ProblemError, SolveError
 from socp.methods import default_guess
-from socp.model import Problem, Solution, write_atomic
+from socp.model import Problem, from_json, to_json
+from socp.process import write_atomic
 from socp.study.clusters import Outcome
 
 _SCHEMA = 2  # version of the files
@@ -38,7 +39,7 @@ class Kept:
                 whole = document.pop("checksum") == _checksum(document)
                 if whole and document["schema"] == _SCHEMA and document["key"] == self.key:
                     result = document["result"]
-                    solution = None if result is None else Solution.from_json(json.dumps(result))
+                    solution = None if result is None else from_json(json.dumps(result))
                     outcome = Outcome(
                         int(document["start"]), document["about"], solution, document["error"]
                     )
@@ -58,7 +59,7 @@ class Kept:
     def write(self, outcome: Outcome) -> None:
         """Keep an outcome; SolveError names the file that cannot be written."""
         path = self.folder / f"start-{outcome.number:04d}.json"
-        result = None if outcome.solution is None else json.loads(outcome.solution.to_json())
+        result = None if outcome.solution is None else json.loads(to_json(outcome.solution))
         document = {
             "schema": _SCHEMA,
             "key": self.key,

@@ -287,7 +287,8 @@ def _raw(layout: Layout, point: NLPPoint, name: str) -> np.ndarray:
     A start or end value that is at least as tight as the bound carries the multiplier there: the
     bound's own is zero.
     """
-    assert point.lam_v is not None and point.lam_g is not None  # noqa: S101, PT018 - the caller has looked
+    # the caller has looked
+    assert point.lam_v is not None and point.lam_g is not None  # noqa: S101, PT018
     problem, raw = layout.phased.of, np.zeros(layout.first[-1] + 1)
     if name in layout.path:
         at, rows = layout.path[name]

@@ -122,7 +122,8 @@ def objective_of(
         np.sum(0.5 * (terms[1:] + terms[:-1]) * np.diff(t)) + _magnitude(last, x[:, -1], scale)[0]
     )
     off = abs(solution.objective - value)
-    return value, off / max(size, TINY) if off == off else np.inf  # noqa: PLR0124 - nan is far from everything
+    # nan is far from everything
+    return value, off / max(size, TINY) if off == off else np.inf  # noqa: PLR0124
 
 
 def running_size(problem: Problem, solution: Solution) -> float:

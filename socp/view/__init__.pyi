@@ -9,6 +9,7 @@ from .notebook import html as html
 from .outcomes import Outcome as Outcome
 from .outcomes import infeasible as infeasible
 from .outcomes import outcome_of as outcome_of
+from .picture import picture_of as picture_of
 from .recording.contents import Run as Run
 from .recording.contents import items as items
 from .recording.contents import log10 as log10

@@ -7,7 +7,7 @@ import pytest
 
 from socp.cli import main
 
-PROBLEM = """from socp.model.problem import Problem, controls, final_time, states
+PROBLEM = """from socp import Problem, controls, final_time, states
 
 x, v = states("x v")
 u = controls("u")

@@ -13,19 +13,20 @@ import casadi
 import pytest
 from conftest import PLUGIN, Install
 
-from socp import Solution, controls, states
+from socp import controls, states
 from socp.cli import main
 from socp.cli.commands.comparing import Row, best_of
 from socp.cli.options import build, options_by_method
 from socp.errors import MethodError
 from socp.methods.guess import default_guess
+from socp.model.data.files import load, save
 from socp.model.symbols import time
 from socp.registry.plugins import Registry
 from socp.view.statement import formula, number
 
 AUV = str(Path(__file__).parents[2] / "problems" / "auv.py")
 HEAVY = ("casadi", "pyomo", "cvxpy", "rerun", "matplotlib")
-PROBLEM = """from socp.model.problem import Problem, controls, final_time, states
+PROBLEM = """from socp import Problem, controls, final_time, states
 
 x, v = states("x v")
 u = controls("u")
@@ -82,7 +83,7 @@ def test_solve_reports_on_stdout_and_writes_the_result(socp: Command) -> None:
     assert "the solver met its tolerances" in said.out
     assert "reference" not in said.out
     assert not said.err
-    saved = Solution.load("cart.socp.json")
+    saved = load("cart.socp.json")
     assert saved.objective == pytest.approx(2.0, rel=2e-2)
     assert saved.options["steps"] == 100
     assert f"{saved.objective:.12g}" in said.out
@@ -147,14 +148,14 @@ def test_solve_takes_a_guess_an_output_and_a_name_in_a_file(socp: Command) -> No
         "--json",
     )
     assert (said.code, json.loads(said.out)["result"]) == (0, "second.json")
-    assert Solution.load("second.json").method == "trapezoidal"
+    assert load("second.json").method == "trapezoidal"
 
 
 def test_no_acceptable_solution_is_exit_1_and_still_written(socp: Command) -> None:
     said = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "ipopt.max_iter=1")
     assert said.code == 1
     assert "the solver reached its limit of iterations or time" in said.out
-    assert Solution.load("cart.socp.json").options["ipopt.max_iter"] == 1
+    assert load("cart.socp.json").options["ipopt.max_iter"] == 1
 
 
 def test_progress_is_occasional_plain_and_on_stderr(
@@ -336,7 +337,7 @@ def test_a_refusal_is_one_message(
 
 
 def test_a_guess_must_fit_the_problem(socp: Command, registry: Registry) -> None:
-    default_guess(registry.problem("auv")).save("auv.json")
+    save(default_guess(registry.problem("auv")), "auv.json")
     said = socp("solve", "cart.py", "--guess", "auv.json")
     assert (
         said.err
@@ -636,7 +637,7 @@ def test_ctrl_c_ends_the_solver_and_writes_its_last_iterate(tmp_path: Path) -> N
     assert process.returncode == 130
     assert "the solve was interrupted; this is its last iterate" in out
     assert err.endswith("interrupted: the last iterate is in auv.socp.json\n")
-    assert Solution.load(tmp_path / "auv.socp.json").iterations < 20
+    assert load(tmp_path / "auv.socp.json").iterations < 20
 
 
 @pytest.mark.parametrize("moment", ["socp.cli.app.socp.main", "socp.methods.run"])
@@ -675,7 +676,7 @@ def test_ctrl_c_while_judging_keeps_what_was_solved(
     said = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10")
     assert said.code == 130
     assert said.err == "interrupted before it was verified: the result is in cart.socp.json\n"
-    assert Solution.load("cart.socp.json").stop.ok
+    assert load("cart.socp.json").stop.ok
 
 
 def test_a_reader_that_leaves_early_is_no_error() -> None:

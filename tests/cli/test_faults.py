@@ -29,6 +29,7 @@ from socp.cli import main
 from socp.cli.keeping import keep
 from socp.cli.locking import locked
 from socp.errors import ContractError
+from socp.model.data.files import load, save, to_json
 from socp.model.solution import Stop
 from socp.model.symbols import final_time
 from socp.process import interruption
@@ -176,7 +177,7 @@ def test_a_solve_that_is_interrupted_keeps_what_it_has(
     if kept is None:
         assert said.err.splitlines()[-1] == "interrupted; nothing was written"
         return
-    found = Solution.load("cart.socp.json")
+    found = load("cart.socp.json")
     assert (found.verdict is None) == (kept == "unverified")
     assert kept in {found.stop.name, "unverified"}
     assert said.out.split()[-2:] == ["result", "cart.socp.json"]
@@ -262,7 +263,7 @@ def test_other_commands_that_are_interrupted_keep_what_they_have(
     assert last in (said.err.splitlines() or [""])[-1]
     assert Path("cart.socp.json").exists() == result
     if result:
-        assert Solution.load("cart.socp.json").extremal
+        assert load("cart.socp.json").extremal
 
 
 def test_an_interruption_that_is_lost_on_its_way_ends_the_next_solve(
@@ -335,14 +336,14 @@ def test_a_certified_result_is_replaced_only_by_one_that_is_as_good(
     kind: str, certified: Solution, tmp_path: Path
 ) -> None:
     path = tmp_path / "cart.socp.json"
-    certified.save(path)
+    save(certified, path)
     new = other(certified, kind)
     place = keep(cart(), new, path)
     beside = kind not in {"equal", "better"}
     assert place.path == (tmp_path / f"cart.{kind}.socp.json" if beside else path)
-    assert Solution.load(place.path).objective == new.objective
+    assert load(place.path).objective == new.objective
     assert bool(place.said) == beside
-    assert Solution.load(path).to_json() == (certified if beside else new).to_json()
+    assert to_json(load(path)) == to_json(certified if beside else new)
 
 
 THERE = ["uncertified", "of another problem", "of the problem as it was", "no result", "claims"]
@@ -355,26 +356,27 @@ def test_what_is_not_better_is_replaced(there: str, certified: Solution, tmp_pat
     if there == "no result":
         path.write_text("{}")
     elif there == "of the problem as it was":
-        certified.save(path)
+        save(certified, path)
         problem = cart(bounds={u: (-2, 2)})
     elif there == "claims":  # a verdict that says more than the judge does
         arc = certified.arcs[0]
         bent = replace(arc, x=arc.x + 0.1 * np.sin(arc.t))
-        replace(certified, arcs=(bent, *certified.arcs[1:])).save(path)
+        save(replace(certified, arcs=(bent, *certified.arcs[1:])), path)
     else:
         stranger = there == "of another problem"
-        (replace(certified, problem="other") if stranger else other(certified, "uncertified")).save(
-            path
+        save(
+            replace(certified, problem="other") if stranger else other(certified, "uncertified"),
+            path,
         )
     place = keep(problem, new, path)
     assert (place.path, place.said) == (path, "")
-    assert not Solution.load(path).extremal
+    assert not load(path).extremal
 
 
 def test_an_interrupted_solve_leaves_the_certified_result_and_says_where_the_other_is(
     command: Command, certified: Solution, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    certified.save("cart.socp.json")
+    save(certified, "cart.socp.json")
     pressed(monkeypatch, ITERATING, signal.SIGINT, 1)
     said = command(*QUICK)
     assert said.code == 130
@@ -383,8 +385,8 @@ def test_an_interrupted_solve_leaves_the_certified_result_and_says_where_the_oth
         in said.err
     )
     assert "result       cart.interrupted.socp.json" in said.out
-    assert Solution.load("cart.socp.json").extremal
-    assert Solution.load("cart.interrupted.socp.json").stop is Stop.INTERRUPTED
+    assert load("cart.socp.json").extremal
+    assert load("cart.interrupted.socp.json").stop is Stop.INTERRUPTED
 
 
 # -- disks
@@ -431,7 +433,7 @@ def test_a_result_that_cannot_be_written_is_kept_elsewhere(
         f"error: cart.socp.json: cannot be written: {os.strerror(DISKS[disk])}; the result is in "
         f"{rescued}"
     )
-    assert Solution.load(rescued).problem == "cart"
+    assert load(rescued).problem == "cart"
     assert str(rescued) in said.out
 
 
@@ -450,7 +452,7 @@ def test_a_folder_that_turns_up_where_the_result_goes_is_left_alone(
     assert Path("cart.socp.json").is_dir()
     (rescued,) = Path.cwd().glob("cart.rescued-*.socp.json")
     assert f"the result is in {rescued.name}" in said.err
-    assert Solution.load(rescued).stop is Stop.SOLVED
+    assert load(rescued).stop is Stop.SOLVED
 
 
 def test_a_result_that_can_be_written_nowhere_is_said_to_be_lost(
@@ -479,7 +481,7 @@ def test_a_report_that_cannot_be_written_says_where_the_result_is(
         f"{os.strerror(number)}\nwritten: cart.socp.json\n"
     )
     assert said.err == text
-    assert Solution.load("cart.socp.json").stop is Stop.SOLVED
+    assert load("cart.socp.json").stop is Stop.SOLVED
 
 
 @pytest.mark.parametrize("what", ["full", "missing", "not writable"])
@@ -521,7 +523,7 @@ def test_a_start_that_cannot_be_kept_counts_all_the_same(
         "error: cart.census/start-0000.json: cannot be written: No space left on device; "
         "the table counts them, but another census begins anew\n"
     )
-    assert Solution.load("cart.socp.json").extremal
+    assert load("cart.socp.json").extremal
 
 
 @pytest.mark.slow
@@ -540,7 +542,7 @@ def test_standard_output_on_a_full_disk_is_no_success(tmp_path: Path) -> None:
     assert (done.returncode, "Traceback" in done.stderr) == (5, False)
     assert "written to standard output: No space left on device\n" in done.stderr
     assert done.stderr.endswith("written: cart.socp.json\n")
-    assert Solution.load(tmp_path / "cart.socp.json").stop is Stop.SOLVED
+    assert load(tmp_path / "cart.socp.json").stop is Stop.SOLVED
 
 
 # -- memory
@@ -584,7 +586,7 @@ def test_standard_output_that_is_closed_is_no_bug(tmp_path: Path) -> None:
     )
     assert done.returncode == 5
     assert done.stderr.endswith("standard output: it is closed\nwritten: cart.socp.json\n")
-    assert Solution.load(tmp_path / "cart.socp.json").stop is Stop.SOLVED
+    assert load(tmp_path / "cart.socp.json").stop is Stop.SOLVED
 
 
 @pytest.mark.slow
@@ -714,7 +716,7 @@ def test_commands_among_such_files_work(words: tuple[str, ...], tmp_path: Path) 
         timeout=120,
     )
     assert (done.returncode, done.stderr) == (0, "")
-    assert Solution.load(tmp_path / "cart.socp.json").extremal
+    assert load(tmp_path / "cart.socp.json").extremal
 
 
 # -- plugins
@@ -780,7 +782,7 @@ def test_a_plugin_that_fails_to_load_is_named_and_stops_nothing(
     assert said.code == 0
     assert said.err.startswith(f"warning: {name} of {name} 1.0 is left out: ")
     assert reason in said.err
-    assert Solution.load("cart.socp.json").stop is Stop.SOLVED
+    assert load("cart.socp.json").stop is Stop.SOLVED
 
 
 def test_what_a_plugin_prints_is_kept_out_of_the_output(
@@ -828,14 +830,14 @@ def test_a_listener_that_fails_is_named_and_stops_no_other(
 
 
 def test_a_listener_cannot_alter_the_solution(certified: Solution) -> None:
-    text, copied = certified.to_json(), read_only(certified)
-    assert copied.to_json() == text
+    text, copied = to_json(certified), read_only(certified)
+    assert to_json(copied) == text
     for values in (copied.arcs[0].x, copied.arcs[0].t, copied.arcs[0].u, copied.arcs[0].costate):
         with pytest.raises(ValueError, match="read-only"):
             values[...] = 0.0
     copied.seconds["solve"] = 1e9  # type: ignore[index]
     copied.trace.clear()  # type: ignore[attr-defined]
-    assert certified.to_json() == text
+    assert to_json(certified) == text
 
 
 SOLVES = {
@@ -1018,7 +1020,7 @@ def test_a_recorder_that_fails_is_named_and_the_solve_goes_on(
     assert f"warning: plugin '{name}' ({name} 1.0): " in said.err
     assert reason in said.err
     assert not Path("cart.rrd").exists()
-    assert Solution.load("cart.socp.json").stop is Stop.SOLVED
+    assert load("cart.socp.json").stop is Stop.SOLVED
 
 
 def test_two_recordings_into_one_file_are_refused(command: Command) -> None:
@@ -1098,7 +1100,7 @@ def test_a_census_ends_within_seconds_with_all_its_workers(
     if number != signal.SIGKILL:
         assert "u: 1" in out
         assert "starts are kept in cart.census" in err
-        assert Solution.load(tmp_path / "cart.socp.json").extremal
+        assert load(tmp_path / "cart.socp.json").extremal
 
 
 @pytest.mark.slow
@@ -1123,7 +1125,7 @@ def test_ctrl_c_five_times_is_130_and_no_traceback(gap: float, tmp_path: Path) -
     out, err = process.communicate(timeout=60)
     assert (process.returncode, "Traceback" in err) == (130, False)
     assert out.split()[-2:] == ["result", "auv.socp.json"]
-    assert Solution.load(tmp_path / "auv.socp.json").stop is Stop.INTERRUPTED
+    assert load(tmp_path / "auv.socp.json").stop is Stop.INTERRUPTED
 
 
 def test_outside_the_main_thread_signals_are_left_alone() -> None:

@@ -22,15 +22,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socp import Ipopt, Problem, Solution, controls, final_time, states
+from socp import Ipopt, Problem, controls, final_time, states
 from socp.cli import main
 from socp.cli.consoles import console
 from socp.cli.session import named_after, writable
 from socp.cli.streams import Descriptor, parted
 from socp.errors import MethodError, ProblemError, SolveError
-from socp.model.data.files import write_atomic
+from socp.model.data.files import load
 from socp.model.findings import Condition, Node, Place
 from socp.model.solution import Stop
+from socp.process import write_atomic
 from socp.process.output import output_discarded
 from socp.process.text import file_stem, markdown, markdown_code, one_line, printable
 from socp.solvers import process as apart
@@ -291,7 +292,7 @@ def test_the_result_is_kept_and_named_where_the_report_is_lost(
         patch.setattr(sys, "stdout", Failing())
         code = main(SOLVE)
     assert code == 5
-    assert Solution.load("cart.socp.json").stop.ok
+    assert load("cart.socp.json").stop.ok
     err = capfd.readouterr().err
     assert "error: the report cannot be written to standard output: No space left on device" in err
     assert "written: cart.socp.json" in err
@@ -632,7 +633,7 @@ def test_a_terminal_gets_colours_and_nothing_else(
 def test_recordings_and_notebooks_show_text_as_it_is(socp: Command) -> None:
     socp(*SOLVE)
     problem = posed(title=STEERING)
-    plain = Solution.load("cart.socp.json")
+    plain = load("cart.socp.json")
     assert plain.verdict is not None
     finding = replace(
         plain.verdict.findings[0],

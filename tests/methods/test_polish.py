@@ -22,6 +22,7 @@ from socp.methods.guess import split
 from socp.methods.polish import polished
 from socp.methods.solving import Follower
 from socp.model.arc import Arc, join
+from socp.model.data.files import from_json, to_json
 from socp.model.solution import Solution
 from socp.model.symbols import time
 from socp.registry.plugins import Registry
@@ -268,7 +269,7 @@ def test_digits_come_from_two_computations() -> None:
     assert agrees(solution, 12)
     assert solution.agreement.digits >= 12
     assert abs(solution.objective / problem.reference.objective - 1) < 1e-12
-    assert Solution.from_json(solution.to_json()).agreement == solution.agreement
+    assert from_json(to_json(solution)).agreement == solution.agreement
 
 
 def test_meshes_are_compared_where_newton_does_not_settle(monkeypatch: pytest.MonkeyPatch) -> None:

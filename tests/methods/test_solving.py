@@ -30,7 +30,7 @@ def solved(push: float, stop: Stop) -> Solution:
 
 
 def solver(first: Solution, again: Solution, asked: list[bool]) -> Callable[[bool], Solution]:
-    def solve(boxed: bool) -> Solution:  # noqa: FBT001 - the contract of what is tested
+    def solve(boxed: bool) -> Solution:
         asked.append(boxed)
         return again if boxed else first
 

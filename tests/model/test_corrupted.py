@@ -23,6 +23,7 @@ from socp.cli import main
 from socp.cli.session import Session
 from socp.errors import SolveError
 from socp.methods.guess import default_guess
+from socp.model.data.files import to_json
 from socp.model.problem import Problem
 from socp.process.files import LARGEST, read_text
 from socp.registry.plugins import Registry
@@ -46,7 +47,7 @@ def genuine(registry: Registry) -> dict[str, str]:
             registry.method("lgr-multiphase")(word=word), problem, default_guess(problem)
         )
         assert solution.extremal
-        found[name] = solution.to_json()
+        found[name] = to_json(solution)
     return found
 
 

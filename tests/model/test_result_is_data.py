@@ -15,8 +15,8 @@ from socp import run
 from socp.cli import main
 from socp.methods.guess import default_guess
 from socp.model.data import stated
+from socp.model.data.files import load, save, to_json
 from socp.model.problem import Problem
-from socp.model.solution import Solution
 from socp.registry.plugins import Registry
 
 ROOT = Path(__file__).parents[2]
@@ -85,7 +85,7 @@ def genuine(registry: Registry) -> str:
     names: dict[str, Any] = {}
     exec(CART, names)  # noqa: S102 - the text stands above
     method = registry.method("lgr-multiphase")(word="+ -")
-    return run(method, names["problem"], default_guess(names["problem"])).to_json()
+    return to_json(run(method, names["problem"], default_guess(names["problem"])))
 
 
 def test_no_other_file_is_opened_and_nothing_of_it_is_run(genuine: str, tmp_path: Path) -> None:
@@ -260,7 +260,7 @@ def test_what_follows_a_constraint_is_no_result_of_a_problem_without_it(
 ) -> None:
     problem = registry.problem("double_integrator_vlimit")
     solution = run(registry.method("lgr-multiphase")(word="+ b -"), problem, default_guess(problem))
-    solution.save(folder / "limit.json")
+    save(solution, folder / "limit.json")
     assert main(["check", "limit.json", "--problem", "cart.py"]) == 1
     assert (
         "limit.json: arcs[0].multipliers: no state constraint 'v.upper'; there are none"
@@ -285,7 +285,7 @@ def test_an_old_result_is_of_the_registered_problem_of_its_name(
     solution = run(
         registry.method("lgr-multiphase")(word="u: - s"), problem, default_guess(problem)
     )
-    (folder / "old.json").write_text(older(json.loads(solution.to_json())))
+    (folder / "old.json").write_text(older(json.loads(to_json(solution))))
     assert main(["check", "old.json"]) == 0
     told = (
         "warning: old.json carries no statement of its problem: the registered 'jacobson_1' is "
@@ -295,7 +295,7 @@ def test_an_old_result_is_of_the_registered_problem_of_its_name(
     assert main(["check", "old.json", "--problem", "jacobson_1"]) == 0
     assert capsys.readouterr().err == ""
     assert main(["solve", "jacobson_1", "-m", "trapezoidal", "--guess", "old.json", "--quiet"]) == 0
-    assert Solution.load("jacobson_1.socp.json").statement == problem.statement
+    assert load("jacobson_1.socp.json").statement == problem.statement
 
 
 @pytest.mark.parametrize("name", ["cart", "cart.py", "./cart.py", "cart.py:problem", "auv"])
@@ -355,7 +355,7 @@ def test_what_is_solved_carries_its_problem(folder: Path) -> None:
         == 0
     )
     for name in ("census.json", "frontier.json", "cart.socp.json"):
-        solution = Solution.load(folder / name)
+        solution = load(folder / name)
         assert solution.statement is not None
         assert (
             stated.fingerprint(solution.statement)

@@ -17,6 +17,7 @@ from socp_problems.auv import problem as auv
 
 from socp.errors import SolveError
 from socp.model.arc import Arc
+from socp.model.data.files import from_json, load, save, to_json
 from socp.model.findings import Feasibility
 from socp.model.solution import Solution, Stop
 from socp.transcription.collocation import collocate
@@ -218,7 +219,7 @@ def bits(value: Any) -> Any:
 
 @given(solutions())
 def test_what_is_read_is_what_was_written_bit_for_bit(solution: Solution) -> None:
-    assert bits(Solution.from_json(solution.to_json())) == bits(solution)
+    assert bits(from_json(to_json(solution))) == bits(solution)
 
 
 @given(solutions())
@@ -226,7 +227,7 @@ def test_the_file_is_strict_json(solution: Solution) -> None:
     def refuse(constant: str) -> None:
         raise AssertionError(constant)
 
-    document = json.loads(solution.to_json(), parse_constant=refuse)
+    document = json.loads(to_json(solution), parse_constant=refuse)
     assert document["schema"] == 2
     assert document["switches"] == solution.switches
     assert document["word"] == solution.word
@@ -235,12 +236,12 @@ def test_the_file_is_strict_json(solution: Solution) -> None:
 @pytest.fixture
 def saved(tmp_path: Path) -> Path:
     path = tmp_path / "toy.socp.json"
-    solution_of(arc_of(lgr(3), [1, 1], (0, 1), x=lambda t: t, u=lambda t: -t)).save(path)
+    save(solution_of(arc_of(lgr(3), [1, 1], (0, 1), x=lambda t: t, u=lambda t: -t)), path)
     return path
 
 
 def test_save_and_load(saved: Path) -> None:
-    assert Solution.load(saved).to_json() + "\n" == saved.read_text()
+    assert to_json(load(saved)) + "\n" == saved.read_text()
     assert [path.name for path in saved.parent.iterdir()] == [saved.name]
 
 
@@ -249,7 +250,7 @@ def test_numpy_scalars_are_written_as_numbers() -> None:
     solution = solution_of(
         arc, options={"steps": np.int64(3), "tol": np.float64(1e-9)}, objective=np.float64(2)
     )
-    assert Solution.from_json(solution.to_json()).options == {"steps": 3, "tol": 1e-9}
+    assert from_json(to_json(solution)).options == {"steps": 3, "tol": 1e-9}
 
 
 def altered(path: Path, **changes: Any) -> None:
@@ -274,7 +275,7 @@ def test_what_is_wrong_in_a_file_is_named(
 ) -> None:
     altered(saved, **changes)
     with pytest.raises(SolveError) as caught:
-        Solution.load(saved)
+        load(saved)
     assert str(caught.value).startswith(f"{saved}: {message}")
 
 
@@ -303,7 +304,7 @@ def test_what_is_wrong_in_an_arc_is_named(
     (arc,) = json.loads(saved.read_text())["arcs"]
     altered(saved, arcs=[arc | changes])
     with pytest.raises(SolveError) as caught:
-        Solution.load(saved)
+        load(saved)
     assert str(caught.value) == f"{saved}: not a socp result: arcs[0]{message}"
 
 
@@ -312,7 +313,7 @@ def test_a_truncated_file_is_refused_wherever_it_ends(saved: Path) -> None:
     for end in range(0, len(whole) - 1, 97):
         saved.write_text(whole[:end])
         with pytest.raises(SolveError, match="not a socp result"):
-            Solution.load(saved)
+            load(saved)
 
 
 @pytest.mark.parametrize(
@@ -334,19 +335,19 @@ def test_garbage_is_refused(tmp_path: Path, garbage: bytes) -> None:
     path = tmp_path / "garbage.json"
     path.write_bytes(garbage)
     with pytest.raises(SolveError) as caught:
-        Solution.load(path)
+        load(path)
     assert str(caught.value).startswith(f"{path}: ")
 
 
 def test_missing_files_and_folders_are_named(tmp_path: Path, saved: Path) -> None:
     with pytest.raises(SolveError, match=r"missing.json: No such file or directory"):
-        Solution.load(tmp_path / "missing.json")
+        load(tmp_path / "missing.json")
     with pytest.raises(SolveError, match=r"Is a directory"):
-        Solution.load(tmp_path)
+        load(tmp_path)
     with pytest.raises(
         SolveError, match=r"nowhere.+out.json: cannot be written: No such file or directory"
     ):
-        Solution.load(saved).save(tmp_path / "nowhere" / "out.json")
+        save(load(saved), tmp_path / "nowhere" / "out.json")
 
 
 def failing(code: int) -> Any:
@@ -369,11 +370,11 @@ def test_a_failed_write_leaves_the_old_file_and_no_other(
     saved: Path, monkeypatch: pytest.MonkeyPatch, where: str, code: int, reason: str
 ) -> None:
     before = saved.read_bytes()
-    changed = replace(Solution.load(saved), objective=7.0)
+    changed = replace(load(saved), objective=7.0)
     with monkeypatch.context() as broken:
         broken.setattr(where, failing(code))
         with pytest.raises(SolveError) as caught:
-            changed.save(saved)
+            save(changed, saved)
     assert str(caught.value) == f"{saved}: cannot be written: {reason}"
     assert saved.read_bytes() == before
     assert [path.name for path in saved.parent.iterdir()] == [saved.name]
@@ -389,7 +390,7 @@ def test_an_interruption_while_writing_leaves_no_part_behind(
     with monkeypatch.context() as broken:
         broken.setattr("os.fsync", interrupt)
         with pytest.raises(KeyboardInterrupt):
-            replace(Solution.load(saved), objective=7.0).save(saved)
+            save(replace(load(saved), objective=7.0), saved)
     assert saved.read_bytes() == before
     assert [path.name for path in saved.parent.iterdir()] == [saved.name]
 
@@ -401,8 +402,8 @@ def test_a_saved_result_is_a_guess_on_any_mesh(tmp_path: Path) -> None:
         "u": lambda t: np.array([t, -t]),
     }
     names = {"state_names": auv.state_names, "control_names": auv.control_names}
-    solution_of(arc_of(lgr(5), [1, 2], (0, t_end), **curves), **names).save(path)
-    guess = Solution.load(path)
+    save(solution_of(arc_of(lgr(5), [1, 2], (0, t_end), **curves), **names), path)
+    guess = load(path)
     for scheme in (euler(), trapezoid(), hermite_simpson(), lgr(7), radau_iia(3)):
         for phases in (1, 3):
             reduced = collocate(single_phase(auv, phases), [uniform(scheme, 4)] * phases)

@@ -21,9 +21,9 @@ from hypothesis import strategies as st
 from socp.errors import ProblemError
 from socp.methods.guess import default_guess
 from socp.model.data import grammar, portable, stated
-from socp.model.parts import Reference
+from socp.model.data.files import from_json, to_json
+from socp.model.parts import Reference, Scene
 from socp.model.problem import Problem
-from socp.model.scene import Scene
 from socp.model.symbols import controls, final_time, initial, initial_time, parameters, states, time
 from socp.registry.plugins import Registry
 from socp.study.store import fingerprint
@@ -490,7 +490,7 @@ def test_what_cannot_be_written_is_said_and_not_carried() -> None:
     solution = with_statement(problem, default_guess(problem))
     assert solution.statement is None
     assert "the operation 'call' cannot be written as data" in solution.unstated
-    assert type(solution).from_json(solution.to_json()).unstated == solution.unstated
+    assert from_json(to_json(solution)).unstated == solution.unstated
     carried = with_statement(everything(), replace(solution))
     assert (carried.unstated, carried.statement) == ("", everything().statement)
     assert fingerprint(problem, "r") != fingerprint(problem, "r")

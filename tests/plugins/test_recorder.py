@@ -19,11 +19,12 @@ from socp.cli import main
 from socp.errors import MethodError, SolveError
 from socp.methods.chain import run
 from socp.methods.guess import default_guess
+from socp.model.data.files import load, save
 from socp.model.problem import Problem
 from socp.model.progress import Progress
-from socp.model.scene import picture
 from socp.model.solution import Solution
 from socp.registry.plugins import Registry
+from socp.view.picture import picture_of
 from socp.view.recording.contents import Run, control, items
 from socp.view.recording.items import Drawing, Lane, Note, Panel, Series
 from socp.view.recording.page import layout, panels, visible
@@ -93,9 +94,7 @@ def auv(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     said = io.StringIO()
     with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
         assert main(["solve", "auv", "--record", str(path), "--out", str(result)]) == 0
-    return Recorded(
-        Registry.load().problem("auv"), Solution.load(result), path, read(path), said.getvalue()
-    )
+    return Recorded(Registry.load().problem("auv"), load(result), path, read(path), said.getvalue())
 
 
 def equal(rows: Rows, entity: str, timeline: str, at: np.ndarray, values: np.ndarray) -> None:
@@ -288,7 +287,7 @@ def test_record_writes_what_solve_records(
     auv: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     result, path = tmp_path / "auv.socp.json", tmp_path / "again.rrd"
-    auv.solution.save(result)
+    save(auv.solution, result)
     assert main(["record", str(result), "-o", str(path)]) == 0
     assert capsys.readouterr().out.strip() == str(path)
     again = read(path)
@@ -331,7 +330,7 @@ def test_runs_stand_on_one_ground_that_holds_them_all(rough: tuple[Problem, Solu
 
     problem, solution = rough
     wide = replace(solution, arcs=tuple(replace(arc, x=2.0 * arc.x) for arc in solution.arcs))
-    pictures = [picture(problem, each) for each in (solution, wide)]
+    pictures = [picture_of(problem, each) for each in (solution, wide)]
     (box,) = [
         each for each in ground(together(pictures), "/plan") if each.path == "/plan/frame/box"
     ]
@@ -342,7 +341,7 @@ def test_runs_stand_on_one_ground_that_holds_them_all(rough: tuple[Problem, Solu
 
 
 def test_the_legend_of_several_runs_names_every_curve_once(rough: tuple[Problem, Solution]) -> None:
-    first = picture(*rough)
+    first = picture_of(*rough)
     found = [
         each
         for label, among in (("a", None), ("b", first))
@@ -365,10 +364,10 @@ def test_what_is_no_recording_is_not_opened_and_results_are_not_overwritten(
     junk.write_text("junk")
     assert main(["view", str(junk)]) == 1
     assert "is no recording" in capsys.readouterr().err
-    rough[1].save(result)
+    save(rough[1], result)
     assert main(["solve", "jacobson_1", "--record", str(result)]) == 2
     assert "recordings end with .rrd" in capsys.readouterr().err
-    assert Solution.load(result).stop.ok
+    assert load(result).stop.ok
 
 
 def test_view_opens_the_native_viewer_on_this_computer_alone(
@@ -384,7 +383,7 @@ def test_view_opens_the_native_viewer_on_this_computer_alone(
     monkeypatch.setattr(viewer.subprocess, "run", started)
     monkeypatch.setenv("DISPLAY", ":0")
     result = tmp_path / "auv.socp.json"
-    auv.solution.save(result)
+    save(auv.solution, result)
     assert main(["view", str(auv.path)]) == 0
     assert main(["view", str(result)]) == 0
     for command in calls:
@@ -428,7 +427,7 @@ def test_a_full_disk_is_one_line_and_the_result_is_kept(
     code, result = solved(tmp_path, "--record", "/dev/full")
     assert code == 0
     assert "No space left" in one_line(capsys.readouterr().err)
-    assert Solution.load(result).stop.ok
+    assert load(result).stop.ok
 
 
 FILLING = """
@@ -463,7 +462,7 @@ def test_a_disk_that_fills_up_meanwhile_is_one_line_and_the_result_is_kept(tmp_p
     )
     assert done.returncode == 0, done.stderr
     assert "is the disk full?" in one_line(done.stderr)
-    assert Solution.load(result).stop.ok
+    assert load(result).stop.ok
 
 
 def test_a_missing_rerun_is_one_line_and_the_result_is_kept(
@@ -473,7 +472,7 @@ def test_a_missing_rerun_is_one_line_and_the_result_is_kept(
     code, result = solved(tmp_path, "--record", str(tmp_path / "a.rrd"))
     assert code == 0
     assert "plugin 'rerun'" in one_line(capsys.readouterr().err)
-    assert Solution.load(result).stop.ok
+    assert load(result).stop.ok
 
 
 def test_a_missing_viewer_is_one_line_and_the_file_is_written(
@@ -487,7 +486,7 @@ def test_a_missing_viewer_is_one_line_and_the_file_is_written(
     code, result = solved(tmp_path, "--live", "--record", str(path))
     assert code == 0
     assert "there is no viewer 'rerun'" in one_line(capsys.readouterr().err)
-    assert Solution.load(result).stop.ok
+    assert load(result).stop.ok
     assert ("/states/x", "t") in read(path).series
 
 
@@ -651,7 +650,7 @@ def test_a_recorder_that_fails_is_one_line_and_is_left_alone(
     (recorder,) = sys.modules[module].recorders
     assert recorder.seen.count(fails) == 1
     assert recorder.seen[-1] == fails
-    assert Solution.load(result).stop.ok
+    assert load(result).stop.ok
 
 
 def test_without_a_recorder_it_is_said_how_to_find_out(tmp_path: Path) -> None:

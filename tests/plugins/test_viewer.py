@@ -86,9 +86,8 @@ def look(
 
     screen.tab(tab)
     screen.at(timeline, at)
-    Image.fromarray(screen.picture()).save(
-        folder / f"{shown.problem.name}-{TABS[tab].lower()}-{timeline}.png"
-    )
+    name = f"{shown.problem.name}-{TABS[tab].lower()}-{timeline}.png"
+    Image.fromarray(screen.picture()).save(folder / name)
     views = screen.views()
     group = shown.tabs.parts[tab]
     assert isinstance(group, Group)

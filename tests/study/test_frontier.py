@@ -14,6 +14,7 @@ from socp import Ipopt, Problem, Solution, controls, single_phase, solve_colloca
 from socp.cli import main
 from socp.errors import MethodError
 from socp.methods.guess import default_guess
+from socp.model.data.files import load
 from socp.model.symbols import final_time
 from socp.registry.plugins import Registry
 from socp.search.neighbours import (
@@ -243,7 +244,7 @@ def test_frontier_prints_a_table_and_writes_the_best(
     assert "extremal" in said.out
     assert "all there are" in said.out
     assert said.err == ""
-    best = Solution.load(f"{name}.socp.json")
+    best = load(f"{name}.socp.json")
     assert (best.method, best.options["max_switches"]) == ("frontier", 2)
     assert (
         main(["frontier", name, "--max-switches", "0", "--json", "--quiet", "--out", "f.json"]) == 1

@@ -31,6 +31,7 @@ from socp import (
 from socp.cli import main
 from socp.cli.show import facts
 from socp.model import Mode
+from socp.model.data.files import from_json, to_json
 from socp.model.findings import Condition, Finding, Place, Verdict
 from socp.model.solution import Stop
 from socp.model.tolerances import EXTREMAL, FEASIBLE, SHORTEST
@@ -174,18 +175,18 @@ def test_a_wrong_objective_is_neither_feasible_nor_the_headline(claim: float) ->
 def test_a_right_objective_is_told_once() -> None:
     made = along(posed(minimise=-x, running=3 * u), "-")
     assert made.headline == (f"{made.objective:.12g}",)
-    again = Solution.from_json(made.to_json())
+    again = from_json(to_json(made))
     assert again.reached == made.reached
     assert again.verified == made.verified
 
 
 def test_a_result_without_the_new_figures_is_still_read() -> None:
     made = along(posed(), "-")
-    document = json.loads(made.to_json())
+    document = json.loads(to_json(made))
     for each in document["verified"]:
         del each["objective"], each["gap"]
     del document["verdict"]["miss_at"]
-    old = Solution.from_json(json.dumps(document))
+    old = from_json(json.dumps(document))
     assert old.headline == (f"{made.objective:.12g}",)
 
 

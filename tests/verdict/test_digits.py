@@ -14,6 +14,7 @@ from socp import Ipopt, Problem, Solution, Word, controls, default_guess, final_
 from socp.laws import probes as points
 from socp.methods.guess import split
 from socp.methods.solving import Follower
+from socp.model.data.files import from_json, to_json
 from socp.model.evaluation import scales
 from socp.model.findings import Agreement
 from socp.model.solution import Stop
@@ -342,7 +343,7 @@ def test_a_time_that_is_left_open_is_given_no_number(exact: Callable[[str], Solu
         "12 of the objective: two computations differ by 1.0e-12, switching times within 1.0e-03"
     )
     assert text.endswith(", 1 of 2 switching times not determined")
-    again = Solution.from_json(shown.to_json()).verdict
+    again = from_json(to_json(shown)).verdict
     assert again is not None
     assert again.switch_errors == verdict.switch_errors
     assert (again.flat, again.remaining_error) == (verdict.flat, verdict.remaining_error)

@@ -9,6 +9,7 @@ import pytest
 from socp import Problem, Solution, controls, run, states, time
 from socp.errors import SolveError
 from socp.methods.guess import default_guess
+from socp.model.data.files import from_json, to_json
 from socp.model.findings import Condition, Place
 from socp.model.word import Mode
 from socp.registry.plugins import Registry
@@ -77,7 +78,7 @@ def test_mboc_names_the_missing_arc_and_its_control(registry: Registry) -> None:
 def test_a_file_holds_findings_whole(wrong: Solution, right: Solution) -> None:
     for solution in (wrong, right):
         assert solution.verdict is not None
-        read = Solution.from_json(solution.to_json()).verdict
+        read = from_json(to_json(solution)).verdict
         assert read is not None
         assert read.findings == solution.verdict.findings
         assert read.margins == solution.verdict.margins
@@ -86,7 +87,7 @@ def test_a_file_holds_findings_whole(wrong: Solution, right: Solution) -> None:
 
 def older(solution: Solution, schema: int) -> dict[str, Any]:
     """Return the document that a version without the later fields wrote."""
-    document: dict[str, Any] = json.loads(solution.to_json()) | {"schema": schema}
+    document: dict[str, Any] = json.loads(to_json(solution)) | {"schema": schema}
     for finding in document["verdict"]["findings"]:
         for name in LATER:
             del finding[name]
@@ -101,7 +102,7 @@ def test_older_files_are_read_and_stretches_found_by_their_words(
     wrong: Solution, schema: int
 ) -> None:
     assert wrong.verdict is not None
-    read = Solution.from_json(json.dumps(older(wrong, schema))).verdict
+    read = from_json(json.dumps(older(wrong, schema))).verdict
     assert read is not None
     assert read.margins == wrong.verdict.margins
     for old, new in zip(read.findings, wrong.verdict.findings, strict=True):
@@ -113,8 +114,8 @@ def test_older_files_are_read_and_stretches_found_by_their_words(
 def test_conditions_of_another_version_keep_their_words(wrong: Solution) -> None:
     document = older(wrong, 2)
     document["verdict"]["findings"][0] |= {"condition": "a law of its own", "where": "u, there"}
-    once = Solution.from_json(json.dumps(document))
-    for solution in (once, Solution.from_json(once.to_json())):
+    once = from_json(json.dumps(document))
+    for solution in (once, from_json(to_json(once))):
         assert solution.verdict is not None
         first = solution.verdict.findings[0]
         assert (first.kind, first.condition) == (Condition.OTHER, "a law of its own")
@@ -135,9 +136,9 @@ def test_conditions_of_another_version_keep_their_words(wrong: Solution) -> None
 def test_findings_that_are_none_are_refused(
     wrong: Solution, field: str, value: object, said: str
 ) -> None:
-    document = json.loads(wrong.to_json())
+    document = json.loads(to_json(wrong))
     document["verdict"]["findings"][0][field] = value
     with pytest.raises(SolveError) as caught:
-        Solution.from_json(json.dumps(document))
+        from_json(json.dumps(document))
     assert said in str(caught.value)
     assert "findings[0]" in str(caught.value) or "findings[...]" in str(caught.value)

@@ -22,6 +22,7 @@ from socp import (
     uniform,
 )
 from socp.methods.guess import split
+from socp.model.data.files import from_json, to_json
 from socp.model.tolerances import EXTREMAL, FEASIBLE
 from socp.transcription.schemes import lgr
 
@@ -215,6 +216,6 @@ def test_a_solution_that_is_not_finite_is_judged_so() -> None:
 
 def test_verdict_survives_the_result_file() -> None:
     solution = solved(bang_bang(), "- +")
-    again = Solution.from_json(solution.to_json())
+    again = from_json(to_json(solution))
     assert again.verdict == solution.verdict
-    assert again.to_json() == solution.to_json()
+    assert to_json(again) == to_json(solution)

@@ -22,6 +22,7 @@ from socp.cli import main
 from socp.cli.commands.exporting import FORMATS
 from socp.errors import MethodError
 from socp.model.arc import Arc
+from socp.model.data.files import save
 from socp.model.solution import Stop
 from socp.registry.plugins import Registry
 from socp.view import exports as tabular
@@ -234,7 +235,7 @@ def test_sampled_traces_follow_the_polynomials_and_jump(
 @pytest.fixture
 def saved(solution: Solution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    solution.save("bang.socp.json")
+    save(solution, "bang.socp.json")
     return tmp_path
 
 
@@ -259,7 +260,7 @@ def test_command_goes_by_the_ending(saved: Path, solution: Solution) -> None:
 def test_command_without_its_problem_says_what_is_missing(
     saved: Path, solution: Solution, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    replace(solution, problem="elsewhere", statement=None).save(saved / "other.json")
+    save(replace(solution, problem="elsewhere", statement=None), saved / "other.json")
     assert main(["export", "other.json", "--format", "csv"]) == 0
     assert "--problem FILE" in capsys.readouterr().err
     assert "sigma_u" not in read_csv((saved / "other.csv").read_bytes())

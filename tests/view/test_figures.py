@@ -20,6 +20,7 @@ from matplotlib.image import imread
 from socp import Problem, Solution, default_guess, errors, run, time
 from socp.cli import main
 from socp.errors import MethodError
+from socp.model.data.files import save
 from socp.registry.plugins import Registry
 from socp.view.figures import draw as figures
 from socp.view.figures import style
@@ -259,7 +260,7 @@ def test_a_panel_that_there_is_not(solved: Solved) -> None:
 @pytest.fixture
 def saved(solved: Solved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    solved("goddard_vlimit")[1].save("rocket.socp.json")
+    save(solved("goddard_vlimit")[1], "rocket.socp.json")
     return tmp_path
 
 

@@ -168,7 +168,8 @@ def _solved(
             )
     except SocpError as error:
         return Row(method.name, error=str(error))
-    except Exception as error:  # noqa: BLE001 - the rows of the other methods are worth as much as before
+    except Exception as error:  # noqa: BLE001
+        # the rows of the other methods are worth as much as before
         said = lacking(error)
         return Row(method.name, error=said or f"internal error: {reason(error)}", bug=not said)
     recorder.finish(problem, solution)

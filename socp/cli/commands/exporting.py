@@ -41,7 +41,7 @@ class Format:
 
 def _result(session: Session, asked: Asked, path: Path) -> None:
     """Write the values of a saved result."""
-    from socp.model import write_atomic
+    from socp.process import write_atomic
     from socp.view import WRITERS
 
     solution, problem = open_result(session, asked.source, asked.problem)

@@ -54,7 +54,7 @@ def plot(session: Session, /, **given: Any) -> int:
     known is left out: bounds, switching functions, units and the scene need the problem. Below 5
     inches they stand in one column.
     """
-    from socp.model import write_atomic
+    from socp.process import write_atomic
     from socp.view import DEFAULT, ENDINGS, check, draw, to_bytes
 
     asked = Asked(**given)

@@ -1,14 +1,11 @@
 """The result file: strict JSON that reads back bit for bit, written whole or not at all."""
 
 import json
-import os
-import secrets
-import stat
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -25,10 +22,11 @@ from socp.model.findings import (
     Place,
     Verdict,
 )
+from socp.model.solution import Solution, Stop
 from socp.model.word import Mode
+from socp.process import read_text, write_atomic
 
 SCHEMA = 2  # version of the result file that is written
-T = TypeVar("T")
 _DERIVED = (
     "word",
     "switches",
@@ -36,32 +34,49 @@ _DERIVED = (
 )  # in the file for its readers; a solution works them out
 
 
-def to_json(solution: Any) -> str:
-    """Return a solution as text: null for nan, "inf" and "-inf" for infinities, which JSON
-    lacks.
+def save(solution: Solution, path: str | Path) -> None:
+    """Write a result file atomically: a reader sees the old file or the new one, never a part.
+
+    Raises SolveError, with the path, where it cannot be written.
+    """
+    write_atomic(Path(path), to_json(solution) + "\n")
+
+
+def load(path: str | Path) -> Solution:
+    """Read a result file; SolveError names the file and what is wrong with it."""
+    text = read_text(path)
+    try:
+        return from_json(text)
+    except SolveError as error:
+        raise SolveError(f"{path}: {error}") from error
+
+
+def to_json(solution: Solution) -> str:
+    """Return a solution as text: null for nan, "inf" and "-inf" for infinities, which JSON lacks,
+    and floats that read back bit for bit.
     """
     document = {"schema": SCHEMA, **{name: getattr(solution, name) for name in _DERIVED}}
     document |= {f.name: getattr(solution, f.name) for f in fields(solution)}
     return json.dumps(_plain(document), allow_nan=False, indent=1)
 
 
-def read(text: str, solution: Callable[..., T], stops: Any) -> T:
+def from_json(text: str) -> Solution:
     """Return the solution that `to_json` wrote; SolveError says what is wrong with anything
     else.
     """
     try:
         document = consistency.document(text)
-        stop = _stop(document["stop"], stops)
+        stop = _stop(document["stop"])
     except ProblemError as error:
         raise SolveError(f"not a socp result: {quotation(error)}") from error
-    given = {name: value for name, value in document.items() if name not in {"schema", *_DERIVED}}
-    return solution(**{**given, **_fields(document), "stop": stop})
+    as_they_are = {k: v for k, v in document.items() if k not in {"schema", *_DERIVED}}
+    return Solution(**{**as_they_are, **_fields(document), "stop": stop})
 
 
-def _stop(name: str, stops: Any) -> Any:
-    if name not in stops.__members__:
-        raise ProblemError(f"stop: '{name}'; there are {', '.join(stops.__members__)}")
-    return stops[name]
+def _stop(name: str) -> Stop:
+    if name not in Stop.__members__:
+        raise ProblemError(f"stop: '{name}'; there are {', '.join(Stop.__members__)}")
+    return Stop[name]
 
 
 def _fields(document: Mapping[str, Any]) -> dict[str, Any]:
@@ -87,35 +102,6 @@ def _fields(document: Mapping[str, Any]) -> dict[str, Any]:
         else _verdict(document["verdict"], _stretches(document["structure"])),
         **{name: tuple(document[name]) for name in ("state_names", "control_names")},
     }
-
-
-def write_atomic(path: Path, content: str | bytes) -> None:
-    """Write text or bytes to a file beside `path`, then rename it; SolveError names the path where
-    that fails.
-
-    A new file has the permissions that the umask leaves; one that is replaced keeps its own.
-    """
-    temporary = path.parent / f".socp-{secrets.token_hex(8)}.part"
-    try:
-        if path.exists() and not (path.is_file() or path.is_dir()):
-            raise SolveError(f"{path}: is no regular file, which alone can be replaced")
-        handle = os.open(
-            temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666
-        )
-    except OSError as error:
-        raise SolveError(f"{path}: cannot be written: {error.strerror or error}") from error
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content.encode() if isinstance(content, str) else content)
-            file.flush()
-            os.fsync(file.fileno())  # a rename may reach the disk before the content does
-        if path.exists():
-            temporary.chmod(stat.S_IMODE(path.stat().st_mode))
-        temporary.replace(path)
-    except OSError as error:
-        raise SolveError(f"{path}: cannot be written: {error.strerror or error}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _plain(value: Any) -> Any:

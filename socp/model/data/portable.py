@@ -6,16 +6,14 @@ A statement holds names, numbers and lists of operations, and nothing that could
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import casadi
 import numpy as np
 
 from socp.errors import ProblemError
 from socp.model.data import grammar, stated
-from socp.model.parts import Reference
+from socp.model.parts import Reference, Scene
 from socp.model.ranges import interval
-from socp.model.scene import Scene
 from socp.model.symbols import (
     Expr,
     controls,
@@ -27,67 +25,50 @@ from socp.model.symbols import (
     time,
 )
 
-if TYPE_CHECKING:
-    from socp.model.problem import Problem
-
 Data = dict[str, Any]
 Place = tuple[str, ...]
+Symbols = Mapping[str, Sequence[Expr]]  # "states", "controls" and "parameters" of a problem
 
-_NUMBERS = ("bounds", "start", "end")
+NUMBERS = ("bounds", "start", "end")
 _LAWS = ("singular", "boundary")
 
 
-def written(problem: "Problem") -> Data:
-    """Return a problem as data; ProblemError, with the name and the place, where part of it has no
-    spelling.
+def written(problem: Mapping[str, Any], symbols: Symbols) -> Data:
+    """Return the arguments of `Problem` as data, `symbols` its states, controls and parameters in
+    their order.
+
+    Raises ProblemError, with the name and the place, where part of it has no spelling.
     """
-    symbols = _symbols(problem)
     try:
-        parts = dict(_expressions(problem))
-        nodes, places = grammar.written(list(parts.values()), symbols)
-        at = dict(zip(parts, places, strict=True))
-        about = _about(problem, symbols)
+        data = _data(problem, symbols)
+        stated.check(data)  # what is written can be read
     except ProblemError as error:
-        raise ProblemError(
-            f"problem '{problem.name}' cannot be written as data: {error}"
-        ) from error
+        name = problem["name"]
+        raise ProblemError(f"problem '{name}' cannot be written as data: {error}") from error
+    return data
+
+
+def _data(problem: Mapping[str, Any], symbols: Symbols) -> Data:
+    parts, names = dict(expressions(problem)), by_name(symbols)
+    nodes, places = grammar.written(list(parts.values()), names)
+    at = dict(zip(parts, places, strict=True))
     data: Data = {
-        "states": list(problem.state_names),
-        "controls": list(problem.control_names),
-        "parameters": list(problem.parameter_names),
+        **{kind: [symbol.name() for symbol in its] for kind, its in symbols.items()},
         "nodes": nodes,
         "minimise": at.get(("minimise",)),
         "running": at.get(("running",)),
         **{table: {} for table in ("dynamics", "path", "target", *_LAWS)},
     }
-    for (table, *names), place in at.items():
-        if len(names) == 1:
-            data[table][names[0]] = place
-        elif names:
-            data[table].setdefault(names[0], {})[names[1]] = place
-    data |= {table: _intervals(getattr(problem, table)) for table in _NUMBERS}
+    for (table, *keys), place in at.items():
+        if len(keys) == 1:
+            data[table][keys[0]] = place
+        elif keys:
+            data[table].setdefault(keys[0], {})[keys[1]] = place
+    data |= {table: _intervals(problem[table]) for table in NUMBERS}
     for each in ("initial_time", "final_time"):
-        data[each] = list(map(stated.json_number, interval(getattr(problem, each))))
-    data = {"fingerprint": stated.fingerprint(data), "name": problem.name, **data, "about": about}
-    try:
-        stated.check(data)  # what is written can be read
-    except ProblemError as error:
-        raise ProblemError(
-            f"problem '{problem.name}' cannot be written as data: {error}"
-        ) from error
-    return data
-
-
-def differences(one: "Problem", other: "Problem") -> tuple[str, ...]:
-    """Return where two problems differ, such as `start.x` or `dynamics.v`; empty where their
-    fingerprints are equal.
-    """
-    if one.fingerprint == other.fingerprint:
-        return ()
-    first, second = dict(_entries(one)), dict(_entries(other))
-    places = dict.fromkeys([*first, *second])
-    found = tuple(".".join(place) for place in places if first.get(place) != second.get(place))
-    return found or ("the order of its constraints",)
+        data[each] = list(map(stated.json_number, interval(problem[each])))
+    head = {"fingerprint": stated.fingerprint(data), "name": problem["name"]}
+    return {**head, **data, "about": _about(problem, names)}
 
 
 def arguments(data: Mapping[str, Any]) -> Data:
@@ -106,7 +87,7 @@ def arguments(data: Mapping[str, Any]) -> Data:
     found: Data = {
         each: None if data[each] is None else nodes[data[each]] for each in ("minimise", "running")
     }
-    for table in _NUMBERS:
+    for table in NUMBERS:
         found[table] = {
             symbols[name]: tuple(map(stated.number, value)) for name, value in data[table].items()
         }
@@ -119,37 +100,27 @@ def arguments(data: Mapping[str, Any]) -> Data:
     return {"name": data["name"], **found, **_described(data["about"], symbols)}
 
 
-def _expressions(problem: "Problem") -> Iterator[tuple[Place, Expr]]:
+def expressions(problem: Mapping[str, Any]) -> Iterator[tuple[Place, Expr]]:
     """Yield (place, expression) of all that defines a problem and is no plain number."""
-    yield from ((("dynamics", state.name()), rate) for state, rate in problem.dynamics.items())
-    costs = (("minimise", problem.minimise), ("running", problem.running))
+    yield from ((("dynamics", state.name()), rate) for state, rate in problem["dynamics"].items())
+    costs = ((place, problem[place]) for place in ("minimise", "running"))
     yield from (((place,), expression) for place, expression in costs if expression is not None)
     for table in ("path", "target"):
-        yield from (((table, name), relation) for name, relation in getattr(problem, table).items())
-    yield from ((("singular", control.name()), law) for control, law in problem.singular.items())
-    for control, law in problem.boundary.items():
+        yield from (((table, name), relation) for name, relation in problem[table].items())
+    yield from ((("singular", control.name()), law) for control, law in problem["singular"].items())
+    for control, law in problem["boundary"].items():
         if isinstance(law, Mapping):
             yield from ((("boundary", control.name(), name), each) for name, each in law.items())
         else:
             yield ("boundary", control.name()), law
 
 
-def _entries(problem: "Problem") -> Iterator[tuple[Place, Any]]:
-    """Yield (place, plain value) of all that defines a problem, every expression by itself."""
-    symbols, data = _symbols(problem), problem.statement
-    yield from (
-        ((kind,), data[kind])
-        for kind in ("states", "controls", "parameters", "initial_time", "final_time")
-    )
-    for table in _NUMBERS:
-        yield from (((table, name), value) for name, value in data[table].items())
-    yield from ((place, grammar.written([each], symbols)) for place, each in _expressions(problem))
-
-
-def _symbols(problem: "Problem") -> dict[str, Expr]:
-    parts = [casadi.vertsplit(each) if each.numel() else [] for each in (problem.u, problem.p)]
-    symbols = [*problem.dynamics, *parts[0], *parts[1]]
-    return {symbol.name(): symbol for symbol in symbols} | _fixed(list(problem.dynamics))
+def by_name(symbols: Symbols) -> dict[str, Expr]:
+    """Return the symbols of a problem by name, with those that every problem has: its times, and
+    the initial values of its states.
+    """
+    its = {symbol.name(): symbol for each in symbols.values() for symbol in each}
+    return its | _fixed(symbols["states"])
 
 
 def _fixed(its_states: Sequence[Expr]) -> dict[str, Expr]:
@@ -169,11 +140,11 @@ def _intervals(table: Mapping[Expr, Any]) -> Data:
     return {name: value for name, value in found.items() if value != ["-inf", "inf"]}
 
 
-def _about(problem: "Problem", symbols: Mapping[str, Expr]) -> Data:
+def _about(problem: Mapping[str, Any], symbols: Mapping[str, Expr]) -> Data:
     """Return what is known beside the problem: texts, units, reference values, the scene and the
     guess.
     """
-    scene, parts = problem.scene, dict[Place, Expr]()
+    scene, parts = problem["scene"], dict[Place, Expr]()
     if scene is not None:
         pairs = {"plane": scene.plane, "flow": scene.flow or (), "heading": (scene.heading,)}
         parts = {
@@ -182,24 +153,23 @@ def _about(problem: "Problem", symbols: Mapping[str, Expr]) -> Data:
             for i, e in enumerate(es)
             if e is not None
         }
-    for symbol, value in problem.guess.items():
+    for symbol, value in problem["guess"].items():
         both = value if isinstance(value, (tuple, list, np.ndarray)) else [value]
         parts |= {("guess", symbol.name(), str(i)): each for i, each in enumerate(both)}
     nodes, places = grammar.written(list(parts.values()), symbols)
     tables: dict[str, dict[str, list[int]]] = {"scene": {}, "guess": {}}
     for (table, name, _), place in zip(parts, places, strict=True):
         tables[table].setdefault(name, []).append(place)
-    reference = None if problem.reference is None else asdict(problem.reference)
+    reference = None if problem["reference"] is None else asdict(problem["reference"])
     if reference is not None:
         figures = {each: stated.json_number(reference[each]) for each in ("objective", "tolerance")}
         reference |= {**figures, "switches": list(map(stated.json_number, reference["switches"]))}
     disc = None if scene is None or scene.target is None else list(map(float, scene.target))
     return {
-        "title": problem.title,
-        "source": problem.source,
+        **{each: problem[each] for each in ("title", "source")},
         "reference": reference,
         "nodes": nodes,
-        "units": {symbol.name(): unit for symbol, unit in problem.units.items()},
+        "units": {symbol.name(): unit for symbol, unit in problem["units"].items()},
         "guess": tables["guess"],
         "scene": None if scene is None else tables["scene"],
         "target": disc,

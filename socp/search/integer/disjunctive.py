@@ -54,7 +54,8 @@ class Disjunctive:
     def model(self) -> Any:
         """Run the script and return its Pyomo model."""
         names: dict[str, Any] = {"__name__": "model"}
-        exec(compile(self.script, "model.py", "exec"), names)  # noqa: S102 - written above, from numbers and operations
+        # written above, from numbers and operations
+        exec(compile(self.script, "model.py", "exec"), names)  # noqa: S102
         return names["model"]
 
 
@@ -169,7 +170,8 @@ def _data(
 
 
 def _pairs(box: np.ndarray) -> list[tuple[float | None, float | None]]:
-    return [tuple(float(v) if np.isfinite(v) else None for v in each) for each in box.T]  # type: ignore[misc]
+    low, high = ([float(v) if np.isfinite(v) else None for v in row] for row in box)
+    return list(zip(low, high, strict=True))
 
 
 def _spans(

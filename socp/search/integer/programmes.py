@@ -8,7 +8,8 @@ import numpy as np
 
 from socp.errors import MethodError
 from socp.methods import default_guess, split
-from socp.model import Problem, write_atomic
+from socp.model import Problem
+from socp.process import write_atomic
 from socp.search.integer.disjunctive import disjunctive
 from socp.search.integer.reduction import binary_modes
 from socp.solvers import NLP, pyomo_programme, write_nl

@@ -68,7 +68,8 @@ class Observer(casadi.Callback):  # type: ignore[misc]
             if self.watch is not silent and self.error is None:
                 self._show(np.frombuffer(given[0]).copy(), given)
             self.count += 1
-        except BaseException as error:  # noqa: BLE001 - anything raised here would vanish in the solver
+        except BaseException as error:  # noqa: BLE001
+            # anything raised here would vanish in the solver
             self.error, self.stop = error, True
         np.frombuffer(asked[0])[0] = float(self.stop)
         return 0

@@ -241,7 +241,7 @@ def _check(name: str, value: Any) -> None:
         fits = isinstance(value, str) and (name not in WORDS or value in WORDS[name])
     else:
         fits = isinstance(value, (int, float)) and not isinstance(value, bool)
-        fits = fits and value == value and (kind is float or float(value).is_integer())  # noqa: PLR0124
+        fits = fits and not math.isnan(value) and (kind is float or float(value).is_integer())
     if not fits:
         allowed = ", ".join(WORDS[name]) if name in WORDS else WANTED[kind]
         raise MethodError(f"uno.{name}: {shown(value)} is not allowed; allowed: {allowed}")

@@ -11,11 +11,11 @@ import numpy as np
 
 from socp import errors
 from socp.errors import MethodError
-from socp.model import picture, scene_of
 from socp.view.exports import unit
 from socp.view.figures import style
 from socp.view.figures.arrangement import LEFT, RIGHT, TWO, Panel, TimeAxis, arranged, composed
 from socp.view.figures.panels import Curve, draw_curve, draw_scene
+from socp.view.picture import picture_of, scene_of
 from socp.view.traces import Traces, sampled
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ def _scene(
     solution: "Solution", problem: "Problem", along: Traces, width: float
 ) -> tuple[Panel, bool]:
     """Return the panel of the scene, and whether it goes across the page."""
-    seen = picture(problem, solution, along.t)
+    seen = picture_of(problem, solution, along.t)
     plane = [str(each) for each in scene_of(problem).plane]
     pairs = zip(plane, seen.labels, strict=True)
     labels = [

@@ -10,7 +10,7 @@ from socp.model import TINY
 from socp.view.figures import style
 
 if TYPE_CHECKING:
-    from socp.model import Picture
+    from socp.view.picture import Picture
 
 Stretch = tuple[str, float, float]
 _LANE = (0.04, 0.145, 0.165)  # inches above a panel: the lane's lower and upper edge, and the names

@@ -10,8 +10,9 @@ from typing import final
 
 import numpy as np
 
-from socp.model import EXTREMAL, Arc, Picture, Problem, Solution
+from socp.model import EXTREMAL, Arc, Problem, Solution
 from socp.view import traces
+from socp.view.picture import Picture
 from socp.view.recording.items import GREY, PALETTE, Bars, Colour, Item, Lane, Note, Series
 from socp.view.recording.plane import drawings
 from socp.view.recording.summary import search, summary

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from socp.model import TINY, Picture, Problem, Solution, picture
+from socp.model import TINY, Problem, Solution
+from socp.view.picture import Picture, picture_of
 from socp.view.recording.contents import BARS
 from socp.view.recording.items import GREY, Corner, Group, Item, Panel, Series, Timeline
 from socp.view.recording.plane import STRIP, scale, window
@@ -39,7 +40,7 @@ def layout(
     solution, of the solver, and of the solve as it ran; `factors` are those that its iterates are
     drawn with.
     """
-    first = picture(problem, solution)
+    first = picture_of(problem, solution)
     paths = {
         each.path.removeprefix(root)
         for each in items

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from socp.model import Picture, Problem, Solution, picture
+from socp.model import Problem, Solution
+from socp.view.picture import Picture, picture_of
 from socp.view.recording.items import GREY, PALETTE, Colour, Drawing, Item, Plane
 
 STRIP = 2.5  # a picture so many times wider than high is laid out across the others
@@ -26,7 +27,7 @@ def drawings(
     `among` is the picture of the first of several runs, whose scale all of them have. Several runs,
     told apart by `colour`, stand on one `ground`, which is drawn once all of them are known.
     """
-    seen = picture(problem, solution)
+    seen = picture_of(problem, solution)
     plan = f"{root}/plan"
     yield Plane(path=plan, scale=scale(among or seen))
     yield Drawing(

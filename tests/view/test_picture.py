@@ -5,9 +5,9 @@ import pytest
 
 from socp.methods.guess import default_guess
 from socp.model.problem import Problem
-from socp.model.scene import picture
 from socp.model.symbols import controls, final_time, states
 from socp.registry.plugins import Registry
+from socp.view.picture import picture_of
 
 x, y, z = states("x y z")
 v = controls("v")
@@ -20,7 +20,7 @@ def auv() -> Problem:
 
 def test_a_scene_shows_path_heading_target_and_current(auv: Problem) -> None:
     guess = default_guess(auv)
-    seen = picture(auv, guess)
+    seen = picture_of(auv, guess)
     np.testing.assert_array_equal(seen.path, guess.rows("x")[:2])
     np.testing.assert_array_equal(seen.heading, guess.rows("x")[2])
     assert seen.target == (0, 0, pytest.approx(0.05**0.5))
@@ -33,7 +33,7 @@ def test_a_scene_shows_path_heading_target_and_current(auv: Problem) -> None:
 
 def test_it_is_evaluated_at_any_times(auv: Problem) -> None:
     guess, t = default_guess(auv), np.array([0.1, 1.0])
-    np.testing.assert_array_equal(picture(auv, guess, t).path, guess.at(t)[:2])
+    np.testing.assert_array_equal(picture_of(auv, guess, t).path, guess.at(t)[:2])
 
 
 def test_switches_are_marked_where_they_happen(auv: Problem) -> None:
@@ -42,7 +42,7 @@ def test_switches_are_marked_where_they_happen(auv: Problem) -> None:
     guess = default_guess(auv)
     half = 0.5 * guess.final_time
     guess = replace(guess, structure={"r": (("+", 0.0, half), ("s", half, guess.final_time))})
-    (mark,) = picture(auv, guess).marks
+    (mark,) = picture_of(auv, guess).marks
     assert (mark.t, mark.label) == (half, "r: + s")
     np.testing.assert_allclose(mark.place, guess.at(half)[:2, 0])
 
@@ -61,7 +61,7 @@ def test_without_one_the_phase_plane_of_the_first_states_is_shown(
         units={x: "m"},
     )
     guess = default_guess(problem)
-    seen = picture(problem, guess)
+    seen = picture_of(problem, guess)
     expected = guess.rows("x")[:2] if len(dynamics) > 1 else [guess.t, guess.rows("x")[0]]
     np.testing.assert_array_equal(seen.path, expected)
     assert seen.labels == (("x (m)", "y") if len(dynamics) > 1 else ("t", "x (m)"))

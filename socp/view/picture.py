@@ -1,43 +1,17 @@
-"""Scenes: what a problem looks like in the plane, a phase plane where it does not say, seen along
-solutions.
-"""
+"""Pictures: the scene of a problem along a solution, a phase plane where the problem has none."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import isfinite
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import casadi
 import numpy as np
 
-from socp.errors import ProblemError
-from socp.model.symbols import Expr, column, is_number, is_symbol, role, time
-from socp.process import plainly, shown
-
-if TYPE_CHECKING:
-    from socp.model.problem import Problem
-    from socp.model.solution import Solution
+from socp.model import Expr, Problem, Scene, Solution, column, evaluate, parameters_of, time
 
 _ARROWS = 90  # of a current, about
 _MARGIN = 0.06  # of the picture's size, left free around the path
-
-
-@final
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Scene:
-    """The plane in which a solution is drawn; all expressions are of states, time and parameters.
-
-    plane: the two coordinates. heading: direction of the vehicle in the plane, an angle in radians.
-    flow: the two components of a current; with it the plane's coordinates are states, and the flow
-    depends on no other states. target: centre and radius of a disc, (cx, cy, radius). What is left
-    out is not drawn.
-    """
-
-    plane: tuple[Expr, Expr]
-    heading: Expr | None = None
-    flow: tuple[Expr, Expr] | None = None
-    target: tuple[float, float, float] | None = None
 
 
 @final
@@ -89,7 +63,7 @@ class Picture:
         return float(width / height) if self.spatial else 1.0
 
 
-def scene_of(problem: "Problem") -> Scene:
+def scene_of(problem: Problem) -> Scene:
     """Return the problem's scene, or the phase plane of its first two states; of a single one,
     against time.
     """
@@ -99,7 +73,7 @@ def scene_of(problem: "Problem") -> Scene:
     return Scene(plane=(first, others[0]) if others else (time, first))
 
 
-def picture(problem: "Problem", solution: "Solution", t: Any = None) -> Picture:
+def picture_of(problem: Problem, solution: Solution, t: Any = None) -> Picture:
     """Return the scene along a solution at times t (n,), at the nodes where none are given."""
     scene = scene_of(problem)
     at = solution.t if t is None else np.asarray(t, dtype=float)
@@ -141,7 +115,7 @@ def box_around(points: np.ndarray, *, spatial: bool) -> np.ndarray:
     return np.column_stack([middle - half, middle + half])
 
 
-def _flowing(problem: "Problem", solution: "Solution", scene: Scene, found: Picture) -> Picture:
+def _flowing(problem: Problem, solution: Solution, scene: Scene, found: Picture) -> Picture:
     """Return a picture with its current on a grid that is about square."""
     (left, right), (low, high) = found.box
     step = float(np.sqrt((right - left) * (high - low) / _ARROWS))
@@ -154,7 +128,7 @@ def _flowing(problem: "Problem", solution: "Solution", scene: Scene, found: Pict
     return replace(found, flow=(points, _values(problem, solution, list(scene.flow or ()), t, x)))
 
 
-def _marks(problem: "Problem", solution: "Solution", scene: Scene) -> Iterator[Mark]:
+def _marks(problem: Problem, solution: Solution, scene: Scene) -> Iterator[Mark]:
     """Yield the switches in order of time, one control at a time."""
     switches = sorted(
         (after[1], f"{name}: {before[0]} {after[0]}")
@@ -172,62 +146,13 @@ def _marks(problem: "Problem", solution: "Solution", scene: Scene) -> Iterator[M
 
 
 def _values(
-    problem: "Problem", solution: "Solution", expressions: list[Expr], t: np.ndarray, x: np.ndarray
+    problem: Problem,
+    solution: Solution,
+    expressions: list[Expr],
+    t: np.ndarray,
+    x: np.ndarray,
 ) -> np.ndarray:
     """Evaluate expressions at times t (n,) and states x (nx, n); returns (expressions, n)."""
-    p = column(solution.parameters[name] for name in problem.parameter_names)
-    function = casadi.Function(
-        "scene", [problem.x, time, problem.p], [casadi.densify(column(expressions))]
-    )
-    values = function.map(t.size)(x, t[None, :], casadi.repmat(casadi.DM(p), 1, t.size))
-    return np.array(values.full())
-
-
-def check(scene: Any) -> None:
-    """Raise ProblemError unless a scene has the shape of one; its expressions are checked with all
-    the others.
-    """
-    if scene is None:
-        return
-    if not isinstance(scene, Scene):
-        raise ProblemError(f"scene: {shown(scene)} where a Scene(plane=(x, y)) is needed")
-    for name, value in (("plane", scene.plane), ("flow", scene.flow)):
-        pair = isinstance(value, (tuple, list)) and len(value) == 2
-        if not pair and not (name == "flow" and value is None):
-            raise ProblemError(
-                f"scene {name}: {shown(value)} where a pair of expressions is needed"
-            )
-    if scene.target is not None:
-        _check_target(scene.target)
-    if scene.flow is not None:
-        _check_flow(scene)
-
-
-def scene_expressions(scene: Scene | None) -> Iterator[tuple[str, Expr]]:
-    """Yield (where it stands, expression) for everything in a scene."""
-    if scene is not None:
-        yield from (("scene plane", each) for each in scene.plane)
-        yield from (("scene flow", each) for each in scene.flow or ())
-        yield from (("scene heading", each) for each in [scene.heading] if each is not None)
-
-
-def _check_target(target: Any) -> None:
-    numbers = isinstance(target, (tuple, list)) and len(target) == 3 and all(map(is_number, target))
-    if not numbers or not all(map(isfinite, target)) or target[2] <= 0:
-        raise ProblemError(
-            f"scene target: {shown(target)} where (cx, cy, radius), a disc, is needed"
-        )
-
-
-def _check_flow(scene: Scene) -> None:
-    for each in scene.plane:
-        if not is_symbol(each) or role(each) != "state":
-            what = f"the plane's coordinate {plainly(each)} is no state"
-            raise ProblemError(f"scene flow: {what}; a flow needs a plane of states")
-    allowed = set(scene.plane)
-    for each in scene.flow or ():
-        for symbol in casadi.symvar(casadi.SX(each)) if isinstance(each, casadi.SX) else []:
-            if role(symbol) == "state" and symbol not in allowed:
-                raise ProblemError(
-                    f"scene flow: depends on '{symbol}', which is no coordinate of the plane"
-                )
+    symbols, rows = [problem.x, time, problem.p], casadi.densify(column(expressions))
+    function = casadi.Function("scene", symbols, [rows])
+    return evaluate(function, x, t, parameters_of(problem, solution))[0]
