@@ -2,6 +2,7 @@
 active sets.
 """
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
