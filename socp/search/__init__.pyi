@@ -17,7 +17,7 @@ from .integer.minlp import available as available
 from .integer.minlp import minlp as minlp
 from .integer.programmes import write as write
 from .ledger import all_words as all_words
-from .ledger import count as count
+from .ledger import word_count as word_count
 from .mending import mends as mends
 from .neighbours import arc_insertions as arc_insertions
 from .neighbours import arc_removals as arc_removals

@@ -18,7 +18,7 @@ from socp.search.attempt import Coarse
 from socp.search.branching import Branching, Child
 from socp.search.candidate import Candidate
 from socp.search.effort import Ration, along_words
-from socp.search.ledger import all_words, count
+from socp.search.ledger import all_words, word_count
 from socp.search.neighbours import shortened, word_of
 from socp.search.reading import with_hidden_bangs
 from socp.search.rounding import rounded_word
@@ -233,7 +233,7 @@ def _others(branching: Branching, directs: Sequence[Solution]) -> Iterator[Child
     direct solution fits.
     """
     problem, near = branching.coarse.problem, next((each for each in directs if each.stop.ok), None)
-    if near is None or count(len(branching.modes), branching.switches) > _FEW:
+    if near is None or word_count(len(branching.modes), branching.switches) > _FEW:
         return
     for letters in all_words(branching.modes, branching.switches):
         if not branching.ledger.knows(letters):

@@ -12,7 +12,7 @@ Letters = tuple[Modes, ...]
 _MANY = 10**15  # words: nobody reads more digits
 
 
-def count(modes: int, switches: int) -> int:
+def word_count(modes: int, switches: int) -> int:
     """Return the number of words of at most so many switches, with that many modes an arc and no
     equal neighbours.
 
@@ -87,7 +87,7 @@ class Ledger:
             for each in (self.solved, self.failed, self.idle)
         ]
         solved, failed, idle = rows[0], rows[1] - rows[0], rows[2] - rows[0] - rows[1]
-        total = count(self.modes, switches)
+        total = word_count(self.modes, switches)
         return (
             total,
             len(solved),

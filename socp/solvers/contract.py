@@ -47,6 +47,12 @@ class NLPPoint:
     trace: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
 
+    @classmethod
+    def of(cls, result: Mapping[str, Any], **known: Any) -> Self:
+        """Return the point of what one of casadi's solvers gives back, with what else is known."""
+        v, lam_v, lam_g = (np.array(result[k].full()).ravel() for k in ("x", "lam_x", "lam_g"))
+        return cls(v=v, lam_v=lam_v, lam_g=lam_g, objective=float(result["f"]), **known)
+
 
 class Solver(Protocol):
     """Anything that solves an NLP from a guess."""

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self, final
 
 import casadi
-import numpy as np
 
 from socp.errors import SolveError
 from socp.model import Stop, Watch, silent
@@ -152,12 +151,8 @@ def _point(
         for key, name in _TRACED.items()
         if key in iterations
     }
-    flat = {key: np.array(result[key].full()).ravel() for key in ("x", "lam_x", "lam_g")}
-    return NLPPoint(
-        v=flat["x"],
-        objective=float(result["f"]),
-        lam_v=flat["lam_x"],
-        lam_g=flat["lam_g"],
+    return NLPPoint.of(
+        result,
         stop=_STOPS.get(status, Stop.FAILED),
         message=f"Ipopt: {status.replace('_', ' ')}",
         iterations=max(len(trace.get("objective", ())) - 1, 0),

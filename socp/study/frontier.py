@@ -33,6 +33,7 @@ from socp.search import (
     read,
     shortened,
     without_arc,
+    word_count,
     word_of,
 )
 from socp.solvers import Backend
@@ -222,7 +223,7 @@ def best_by_switches(
             f"frontier: at most {most} switches, dwell {dwell:g}: both must be at least 0"
         )
     modes = arc_modes(problem)
-    every = sum(len(modes) * (len(modes) - 1) ** n for n in range(most + 1)) <= _ALL
+    every = word_count(len(modes), most) <= _ALL
     return _frontier(
         _Trials(problem, most, dwell, along_words(backend), watch), modes, start, every=every
     )

@@ -21,7 +21,7 @@ from socp.registry.plugins import Registry
 from socp.registry.standard import minimum_time
 from socp.search.candidate import Candidate, without_short_arcs
 from socp.search.insertion import insertions, magnitude
-from socp.search.ledger import Ledger, all_words, canonical, count, insert_into
+from socp.search.ledger import Ledger, all_words, canonical, insert_into, word_count
 from socp.search.softening import end_miss, softened_problem
 
 LOWER, UPPER, SINGULAR = (Mode("lower"),), (Mode("upper"),), (Mode("singular"),)
@@ -53,7 +53,7 @@ def test_the_vehicle_cold(registry: Registry, options: dict[str, object]) -> Non
     solution = solved(registry, problem, **options)
     right(problem, solution)
     assert solution.objective == pytest.approx(14.95016178215355, rel=0, abs=1e-9)
-    total = count(len(arc_modes(problem)), int(str(options["switches"])))
+    total = word_count(len(arc_modes(problem)), int(str(options["switches"])))
     assert f"of {total} words of at most {options['switches']} switches" in solution.message
     assert (
         "not looked at (none is better if this extremal is the best one of all" in solution.message
@@ -192,7 +192,7 @@ def test_a_watch_stops_it_between_and_inside_programmes(registry: Registry) -> N
 
 def test_words_are_counted_as_they_are_listed() -> None:
     words = list(all_words(MODES, 3))
-    assert len(words) == len(set(words)) == count(3, 3)
+    assert len(words) == len(set(words)) == word_count(3, 3)
     assert all(canonical(word) == word for word in words)
 
 

@@ -1,6 +1,6 @@
 """`socp census` and `socp frontier`: many solves of one problem, one table."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
@@ -44,6 +44,21 @@ class Named:
         return load_problem(self.given, Registry.load(only=()))
 
 
+def _output_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Add where a table and its best result go to the options of a command."""
+    for option in (
+        click.option("--quiet", is_flag=True, help="Write no progress and no messages."),
+        click.option("--json", "as_json", is_flag=True, help="Write the table as JSON."),
+        click.option(
+            "--out",
+            metavar="FILE",
+            help="Result file of the best one.  [default: PROBLEM.socp.json]",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
 @click.command(short_help="Find a problem's extremals from many starts, print a table.")
 @click.argument("problem", metavar="FILE_OR_NAME")
 @click.option(
@@ -61,11 +76,7 @@ class Named:
     type=click.IntRange(1, 1024),
     help="Worker processes.",
 )
-@click.option(
-    "--out", metavar="FILE", help="Result file of the best one.  [default: PROBLEM.socp.json]"
-)
-@click.option("--json", "as_json", is_flag=True, help="Write the table as JSON.")
-@click.option("--quiet", is_flag=True, help="Write no progress and no messages.")
+@_output_options
 @click.pass_obj
 def census(session: Session, /, **given: Any) -> int:
     """Solve a problem from many starts and print the extremals that they end in; the best one is
@@ -221,11 +232,7 @@ def _cells(solution: "Solution", starts: int) -> Mapping[str, str]:
     type=click.FloatRange(min=0.0),
     help="Least time between two switches, and from the ends.",
 )
-@click.option(
-    "--out", metavar="FILE", help="Result file of the best one.  [default: PROBLEM.socp.json]"
-)
-@click.option("--json", "as_json", is_flag=True, help="Write the table as JSON.")
-@click.option("--quiet", is_flag=True, help="Write no progress and no messages.")
+@_output_options
 @click.pass_obj
 def frontier(session: Session, /, **given: Any) -> int:
     """Solve the words of a problem with few switches and print the best objective for every number

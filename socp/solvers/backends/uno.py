@@ -150,16 +150,9 @@ def _solved(
         if _RAISED in str(error) or observer.error is not None:
             return None
         raise SolveError(f"Uno could not run: {last_line(error)}") from error
-    return _point(result, solver.stats())
-
-
-def _point(result: Mapping[str, Any], stats: Mapping[str, Any]) -> NLPPoint:
-    flat = {key: np.array(result[key].full()).ravel() for key in ("x", "lam_x", "lam_g")}
-    return NLPPoint(
-        v=flat["x"],
-        objective=float(result["f"]),
-        lam_v=flat["lam_x"],
-        lam_g=flat["lam_g"],
+    stats = solver.stats()
+    return NLPPoint.of(
+        result,
         stop=_stop(stats),
         message=f"Uno: {stats['return_status']}",
         iterations=int(stats["iter_count"]),
