@@ -10,7 +10,6 @@ from typing import Any, final
 
 from socp import (
     Backend,
-    Ipopt,
     Method,
     Problem,
     Solution,
@@ -22,6 +21,7 @@ from socp import (
     solve_collocated,
     uniform,
 )
+from socp.solvers import default_backend
 from socp.transcription import Scheme, euler, hermite_simpson, lgr, trapezoid
 
 
@@ -101,7 +101,9 @@ def _method(row: Row) -> type[Method]:
     for size, default in row.sizes.items():
         doc, most = _SIZES[size]
         fields.append((size, int, option(default, doc, least=1, most=most)))
-    fields.append(("backend", Backend, option(Ipopt(), "solver of the nonlinear programme")))
+    fields.append(
+        ("backend", Backend, option(default_backend(), "solver of the nonlinear programme"))
+    )
     texts = {"name": row.name, "source": row.source, "__doc__": row.about}
     body = {**texts, "solve": solve, "__module__": __name__}  # pickles ask the module for the class
     return final(make_dataclass(row.kind, fields, bases=(Method,), namespace=body, frozen=True))

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, final
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from socp_plugins.collocation import TABLE
 
 from socp import Method, Problem, Solution, Watch, controls, final_time, silent, states
 from socp.model.solution import Stop
@@ -17,26 +18,24 @@ from socp.registry.plugins import Registry
 from socp.registry.standard import STANDARD, Standard, regulator, turning_back
 from socp.transcription.schemes import euler
 
-OWN = {  # method -> options that keep the suite quick
+OWN = [*(row.name for row in TABLE), "lgr-multiphase", "mboc"]
+QUICK = {  # method -> options that keep the suite quick
     "euler-ipopt": {"steps": 200},
     "trapezoidal": {"steps": 100},
     "hermite-simpson": {"steps": 60},
-    "lgr": {},
-    "lgr-multiphase": {},
-    "mboc": {},
 }
 
 
 @pytest.mark.parametrize("name", OWN)
 def test_our_own_methods_conform(name: str, registry: Registry) -> None:
-    assert_conforms(registry.methods[name](**OWN[name]))
+    assert_conforms(registry.methods[name](**QUICK.get(name, {})))
 
 
 @pytest.mark.parametrize("name", OWN)
 def test_a_stationary_point_of_the_infeasibility_is_never_called_solved(
     name: str, registry: Registry
 ) -> None:
-    found = conforms(registry.methods[name](**OWN[name]), [turning_back()])
+    found = conforms(registry.methods[name](**QUICK.get(name, {})), [turning_back()])
     assert not found or any(Stop.INFEASIBLE.value in finding.text for finding in found)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from known_schemes import FAMILIES, FIXED
 from socp_problems.auv import problem as auv
 
 from socp.errors import MethodError
@@ -41,7 +42,6 @@ rich = Problem(
     initial_time=(-1, 1),
     final_time=(1, 20),
 )
-FAMILIES = [lambda _: euler(), lambda _: trapezoid(), lambda _: hermite_simpson(), lgr, radau_iia]
 WORDS = [
     (rich, "v: *; w: *"),
     (rich, "v: * *; w: * *"),
@@ -57,7 +57,9 @@ WORDS = [
 def meshes(draw: st.DrawFn, count: int) -> list[Mesh]:
     found: list[Mesh] = []
     for _ in range(count):
-        family = draw(st.sampled_from(FAMILIES))
+        family = draw(
+            st.sampled_from([*FAMILIES, *(lambda _, make=make: make() for make in FIXED)])
+        )
         shares = draw(st.lists(st.floats(0.1, 10.0), min_size=1, max_size=4))
         found.append([(share, family(draw(st.integers(1, 8)))) for share in shares])
     return found

@@ -6,20 +6,13 @@ from itertools import pairwise
 import mpmath
 import numpy as np
 import pytest
+from known_schemes import every
 
 from socp.errors import MethodError
-from socp.transcription.schemes import (
-    Scheme,
-    euler,
-    hermite_simpson,
-    lgr,
-    radau,
-    radau_iia,
-    trapezoid,
-)
+from socp.transcription.schemes import Scheme, euler, lgr, radau, radau_iia
 
 POINTS = [1, 2, 3, 4, 5, 7, 10, 15, 20, 30, 40, 50, 60]
-SCHEMES = [euler(), trapezoid(), hermite_simpson(), *map(lgr, POINTS), *map(radau_iia, POINTS)]
+SCHEMES = every(POINTS)
 NAMES = [scheme.name for scheme in SCHEMES]
 
 
@@ -128,6 +121,11 @@ def test_the_weights_are_what_the_defects_integrate(scheme: Scheme) -> None:
     c = np.linalg.lstsq(scheme.A.T, difference, rcond=None)[0]
     np.testing.assert_allclose(scheme.A.T @ c, difference, atol=1e-12)
     np.testing.assert_allclose(scheme.B.T @ c, scheme.weights, atol=1e-13)
+
+
+def test_every_scheme_is_found() -> None:
+    names = {scheme.name for scheme in every([2])}
+    assert {"implicit Euler", "trapezoid", "Hermite-Simpson", "LGR 2", "Radau IIA 2"} <= names
 
 
 def test_radau_iia_with_one_point_is_implicit_euler() -> None:
