@@ -279,7 +279,7 @@ def test_language_page_lists_every_field() -> None:
 
 @pytest.mark.parametrize(
     "module",
-    [f"model/{name}" for name in ("keys", "checks", "ranges", "scene", "symbols", "word")],
+    [f"model/{name}" for name in ("keys", "checks", "ranges", "parts", "symbols", "word")],
 )
 def test_language_page_shows_every_refusal(module: str) -> None:
     page = (ROOT / "docs" / "language.md").read_text(encoding="utf-8")

@@ -86,9 +86,7 @@ def polynomial_degree(scheme: Scheme) -> int:
     """Return the degree of the polynomials x(tau) that the defects reproduce: the stage order of
     the method.
     """
-    if scheme.name == "trapezoid":
-        return 2
-    return 3 if scheme.name == "Hermite-Simpson" else scheme.nodes.size - 1
+    return scheme.nodes.size - (scheme.side != "both")  # one more for every collocated node
 
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=NAMES)
