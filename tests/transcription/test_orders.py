@@ -87,10 +87,13 @@ def test_orders_are_those_of_the_books(scheme: Scheme, order: int) -> None:
     assert scheme.order == order
 
 
-@pytest.mark.parametrize("scheme", every([2]), ids=lambda scheme: scheme.name)
+# those of a higher order are down to rounding before it shows; test_schemes has their degrees
+SLOW_ENOUGH = [scheme for scheme in every([2]) if scheme.order <= 4]
+
+
+@pytest.mark.parametrize("scheme", SLOW_ENOUGH, ids=lambda scheme: scheme.name)
 def test_observed_order(scheme: Scheme) -> None:
-    # errors of 1e-2 to 1e-5 on the coarse grid: below, rounding shows
-    order, intervals = scheme.order, {1: 100, 2: 40, 3: 16, 4: 10}.get(scheme.order, 2)
+    order, intervals = scheme.order, {1: 100, 2: 40, 3: 16, 4: 10}[scheme.order]
     coarse, fine = decay_errors(scheme, intervals), decay_errors(scheme, 2 * intervals)
     observed = np.log2(coarse / fine)
     assert (observed > order - 0.15).all(), observed
