@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from socp.errors import ProblemError
+from socp.model.data.stated import TEXTS
 from socp.model.parts import check_reference, check_text
 from socp.model.symbols import final_time, initial_time, is_symbol, role, time
 from socp.process import a, plainly, short, shown
@@ -45,7 +46,7 @@ def check(problem: Arguments) -> None:
     arguments.
     """
     _name(problem["name"])
-    for text in ("title", "source"):
+    for text in TEXTS:
         check_text(text, problem[text])
     check_reference(problem["reference"])
     for table in TABLES:

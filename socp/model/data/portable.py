@@ -166,7 +166,7 @@ def _about(problem: Mapping[str, Any], symbols: Mapping[str, Expr]) -> Data:
         reference |= {**figures, "switches": list(map(stated.json_number, reference["switches"]))}
     disc = None if scene is None or scene.target is None else list(map(float, scene.target))
     return {
-        **{each: problem[each] for each in ("title", "source")},
+        **{each: problem[each] for each in stated.TEXTS},
         "reference": reference,
         "nodes": nodes,
         "units": {symbol.name(): unit for symbol, unit in problem["units"].items()},
@@ -200,7 +200,7 @@ def _described(about: Mapping[str, Any], symbols: Mapping[str, Expr]) -> Data:
         for name, places in about["guess"].items()
     }
     units = {symbols[name]: unit for name, unit in about["units"].items()}
-    texts = {each: about[each] for each in ("title", "source")}
+    texts = {each: about.get(each, "") for each in stated.TEXTS}
     return {**texts, "reference": reference, "scene": scene, "guess": guess, "units": units}
 
 

@@ -60,6 +60,10 @@ class About(Record):
     target: tuple[float, float, float] | None
 
 
+# fields of a problem that are texts for people, empty where they are not given
+TEXTS = tuple(name for name, kind in About.__annotations__.items() if kind is str)
+
+
 class Statement(Record):
     """A problem: names, intervals, and places of expressions in the list `nodes`."""
 
@@ -229,7 +233,7 @@ def _texts(statement: Statement) -> None:
         if not name.isprintable():
             raise ProblemError(f"{name!r} where a name is needed")
     reference = [] if about.reference is None else [about.reference.word, about.reference.source]
-    for text in [about.title, about.source, *about.units.values(), *reference]:
+    for text in [*(getattr(about, each) for each in TEXTS), *about.units.values(), *reference]:
         if not all(line.isprintable() for line in text.replace("\t", " ").split("\n")):
             raise ProblemError(f"about: {text!r} has control characters")
 
