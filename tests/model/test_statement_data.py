@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 from socp.errors import ProblemError
 from socp.methods.guess import default_guess
 from socp.model.data import grammar, portable, stated
+from socp.model.data.comparing import differences
 from socp.model.data.files import from_json, to_json
 from socp.model.parts import Reference, Scene
 from socp.model.problem import Problem
@@ -44,7 +45,7 @@ def same(one: Problem, other: Problem) -> None:
         given = [random.normal(size=n) * 3 for n in size]
         seen = []
         for each in (one, other):
-            parts = dict(portable._expressions(each))
+            parts = dict(portable.expressions(vars(each)))
             arguments = [
                 each.x,
                 each.x0,
@@ -88,7 +89,7 @@ def test_registered_problems_go_there_and_back(name: str, registry: Registry) ->
     again = Problem.from_statement(json.loads(text))
     assert again.statement == problem.statement
     assert again.fingerprint == problem.fingerprint
-    assert portable.differences(problem, again) == ()
+    assert differences(problem, again) == ()
     same(problem, again)
     one, other = default_guess(problem), default_guess(again)
     assert (
@@ -240,7 +241,7 @@ CHANGED: dict[str, Callable[[], dict[str, Any]]] = {
 def test_every_change_shows_in_the_fingerprint_and_is_named(place: str) -> None:
     base, changed = everything(), everything(**CHANGED[place]())
     assert changed.fingerprint != base.fingerprint
-    assert portable.differences(base, changed) == (place,)
+    assert differences(base, changed) == (place,)
 
 
 @pytest.mark.parametrize("name", NAMES)
