@@ -19,6 +19,10 @@ class MethodError(SocpError):
     """A method, an option or a plugin was asked for something it does not offer."""
 
 
+class LateError(MethodError):
+    """The time allowed was over before it was known whether something can be had."""
+
+
 class SolveError(SocpError):
     """A solve could not be carried out, or a result could not be read or judged."""
 

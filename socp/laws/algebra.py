@@ -2,12 +2,13 @@
 and regular.
 """
 
+from typing import Any, final
+
 import casadi
 
 from socp.model import Expr, column
 
 _LARGEST = 3000  # nodes: beyond this the search for common factors costs more than it saves
-_ALIKE = 12  # depth to which two nodes are compared
 
 _POWERS = {
     casadi.OP_NEG: (-1, 1),
@@ -15,8 +16,9 @@ _POWERS = {
     casadi.OP_SQ: (1, 2),
     casadi.OP_INV: (1, -1),
 }
+_COMMUTE = {casadi.OP_ADD, casadi.OP_MUL}
 
-Powers = list[tuple[Expr, int]]  # factors with their integer powers
+Powers = dict[int, tuple[Expr, int]]  # factors by what they are, with their integer powers
 
 
 def primitive(entries: Expr) -> tuple[Expr, Expr]:
@@ -32,9 +34,9 @@ def primitive(entries: Expr) -> tuple[Expr, Expr]:
         or casadi.Function("n", casadi.symvar(entries), [entries]).n_instructions() > _LARGEST
     ):
         return casadi.SX(1), entries
-    memo: dict[int, tuple[Expr, float, Powers]] = {}
+    factors = _Factors()
     try:
-        split = [_split(entries[k], memo) for k in filled]
+        split = [factors.of(entries[k]) for k in filled]
     except (
         RecursionError
     ):  # a product or sum of a thousand terms, nested: to find no factors loses none
@@ -44,7 +46,7 @@ def primitive(entries: Expr) -> tuple[Expr, Expr]:
         common = _shared(common, powers)
     rest = casadi.SX(entries)
     for k, (number, powers) in zip(filled, split, strict=True):
-        rest[k] = number * _product(_without(powers, common))
+        rest[k] = number * _product(_times(powers, common, -1))
     return _product(common), rest
 
 
@@ -89,101 +91,119 @@ def ratio(numerator: Expr, denominator: Expr) -> Expr:
     if not reduced[1].is_constant():
         return reduced[0] / reduced[1]
     try:
-        number, powers = _split(reduced[0], {})
+        number, powers = _Factors().of(reduced[0])
     except RecursionError:
         return reduced[0] / reduced[1]
     return number / float(reduced[1]) * _product(powers)
 
 
-def _split(e: Expr, memo: dict[int, tuple[Expr, float, Powers]]) -> tuple[float, Powers]:
-    """Return (number, powers) with e = number times the product of the powers."""
-    if e.is_constant():
-        return float(e), []
-    key = e.element_hash()
-    if key not in memo:
-        try:
-            memo[key] = (e, *_split_node(e, memo))
-        except ZeroDivisionError:  # by a constant zero, as written: left as it is
-            memo[key] = (e, 1.0, [(e, 1)])
-    return memo[key][1:]
+@final
+class _Factors:
+    """Factors of expressions, each found once however often it is used.
+
+    Two nodes are one factor where they compute the same from the same symbols; comparing them node
+    by node instead would take a time exponential in how deep they are.
+    """
+
+    def __init__(self) -> None:
+        self._split: dict[int, tuple[float, Powers]] = {}
+        self._known: dict[int, int] = {}  # by a node's address, which is its own while it lives
+        self._alive: list[Expr] = []
+        self._numbers: dict[tuple[Any, ...], int] = {}
+
+    def of(self, e: Expr) -> tuple[float, Powers]:
+        """Return (number, powers) with e = number times the product of the powers."""
+        if e.is_constant():
+            return float(e), {}
+        key = self._number(e)
+        if key not in self._split:
+            try:
+                self._split[key] = self._of_node(e)
+            except ZeroDivisionError:  # by a constant zero, as written: left as it is
+                self._split[key] = (1.0, self._single(e))
+        return self._split[key]
+
+    def _number(self, e: Expr) -> int:
+        """Return the number that stands for what a node computes."""
+        address = e.element_hash()
+        if address not in self._known:
+            if e.is_constant():
+                made: tuple[Any, ...] = (float(e),)
+            elif e.n_dep():
+                parts = [self._number(e.dep(k)) for k in range(e.n_dep())]
+                made = (e.op(), *(sorted(parts) if e.op() in _COMMUTE else parts))
+            else:
+                made = (None, address)
+            self._alive.append(e)
+            self._known[address] = self._numbers.setdefault(made, len(self._numbers))
+        return self._known[address]
+
+    def _single(self, e: Expr) -> Powers:
+        return {self._number(e): (e, 1)}
+
+    def _of_node(self, e: Expr) -> tuple[float, Powers]:
+        operation = e.op() if e.n_dep() else None
+        if operation in _POWERS:
+            times, power = _POWERS[operation]
+            number, powers = self.of(e.dep(0))
+            return times * number**power, {k: (f, power * n) for k, (f, n) in powers.items()}
+        if operation in {casadi.OP_MUL, casadi.OP_DIV}:
+            (a, left), (b, right) = self.of(e.dep(0)), self.of(e.dep(1))
+            sign = 1 if operation == casadi.OP_MUL else -1
+            return a * b**sign, _times(left, right, sign)
+        if operation in {casadi.OP_ADD, casadi.OP_SUB}:
+            return self._of_sum(e, 1 if operation == casadi.OP_ADD else -1)
+        return 1.0, self._single(e)
+
+    def _of_sum(self, e: Expr, sign: int) -> tuple[float, Powers]:
+        (a, left), (b, right) = self.of(e.dep(0)), self.of(e.dep(1))
+        common = _shared(left, right)
+        if not common:
+            return 1.0, {} if self._unit_circle(e) else self._single(e)
+        total = a * _product(_times(left, common, -1))
+        total += sign * b * _product(_times(right, common, -1))
+        if total.is_constant() or self._unit_circle(total):
+            return float(total) if total.is_constant() else 1.0, common
+        return 1.0, _times(common, self._single(total))
+
+    def _unit_circle(self, e: Expr) -> bool:
+        """Tell whether an expression is cos(a)^2 + sin(a)^2."""
+        if (
+            not e.n_dep()
+            or e.op() != casadi.OP_ADD
+            or any(e.dep(k).op() != casadi.OP_SQ for k in (0, 1))
+        ):
+            return False
+        roots = [e.dep(k).dep(0) for k in (0, 1)]
+        kinds = {root.op() for root in roots if root.n_dep()}
+        same = kinds == {casadi.OP_COS, casadi.OP_SIN}
+        return same and self._number(roots[0].dep(0)) == self._number(roots[1].dep(0))
 
 
-def _split_node(e: Expr, memo: dict[int, tuple[Expr, float, Powers]]) -> tuple[float, Powers]:
-    operation = e.op() if e.n_dep() else None
-    if operation in _POWERS:
-        times, power = _POWERS[operation]
-        number, powers = _split(e.dep(0), memo)
-        return times * number**power, [(f, power * k) for f, k in powers]
-    if operation in {casadi.OP_MUL, casadi.OP_DIV}:
-        (a, left), (b, right) = _split(e.dep(0), memo), _split(e.dep(1), memo)
-        sign = 1 if operation == casadi.OP_MUL else -1
-        return a * b**sign, _times(left, [(f, sign * k) for f, k in right])
-    if operation in {casadi.OP_ADD, casadi.OP_SUB}:
-        return _split_sum(e, 1 if operation == casadi.OP_ADD else -1, memo)
-    return 1.0, [(e, 1)]
-
-
-def _split_sum(
-    e: Expr, sign: int, memo: dict[int, tuple[Expr, float, Powers]]
-) -> tuple[float, Powers]:
-    (a, left), (b, right) = _split(e.dep(0), memo), _split(e.dep(1), memo)
-    common = _shared(left, right)
-    if not common:
-        return 1.0, [] if _unit_circle(e) else [(e, 1)]
-    total = a * _product(_without(left, common)) + sign * b * _product(_without(right, common))
-    if total.is_constant() or _unit_circle(total):
-        return float(total) if total.is_constant() else 1.0, common
-    return 1.0, _times(common, [(total, 1)])
-
-
-def _unit_circle(e: Expr) -> bool:
-    """Tell whether an expression is cos(a)^2 + sin(a)^2."""
-    if (
-        not e.n_dep()
-        or e.op() != casadi.OP_ADD
-        or any(e.dep(k).op() != casadi.OP_SQ for k in (0, 1))
-    ):
-        return False
-    roots = [e.dep(k).dep(0) for k in (0, 1)]
-    kinds = {root.op() for root in roots if root.n_dep()}
-    return kinds == {casadi.OP_COS, casadi.OP_SIN} and _alike(roots[0].dep(0), roots[1].dep(0))
-
-
-def _alike(a: Expr, b: Expr) -> bool:
-    return bool(casadi.is_equal(a, b, _ALIKE))
-
-
-def _times(left: Powers, right: Powers) -> Powers:
-    found = list(left)
-    for factor, power in right:
-        for k, (other, own) in enumerate(found):
-            if _alike(factor, other):
-                found[k] = (other, own + power)
-                break
-        else:
-            found.append((factor, power))
-    return [(factor, power) for factor, power in found if power]
+def _times(left: Powers, right: Powers, sign: int = 1) -> Powers:
+    """Return the powers of a product, or of a quotient where the sign is -1."""
+    found = dict(left)
+    for key, (factor, power) in right.items():
+        own = found[key][1] if key in found else 0
+        found[key] = (factor, own + sign * power)
+    return {key: each for key, each in found.items() if each[1]}
 
 
 def _shared(left: Powers, right: Powers) -> Powers:
     """Return the factors that both have, each with the smaller of its powers where they are of one
     sign.
     """
-    found = []
-    for factor, power in left:
-        other = next((k for f, k in right if _alike(f, factor)), 0)
+    found: Powers = {}
+    for key, (factor, power) in left.items():
+        other = right[key][1] if key in right else 0
         if power * other > 0:
-            found.append((factor, min(power, other, key=abs)))
+            found[key] = (factor, min(power, other, key=abs))
     return found
-
-
-def _without(powers: Powers, divisor: Powers) -> Powers:
-    return _times(powers, [(factor, -power) for factor, power in divisor])
 
 
 def _product(powers: Powers) -> Expr:
     above, below = casadi.SX(1), casadi.SX(1)
-    for factor, power in powers:
+    for factor, power in powers.values():
         if power > 0:
             above *= factor**power
         else:

@@ -14,6 +14,7 @@ from socp.laws import probes
 from socp.laws.brackets import extended_costate, switching_row
 from socp.laws.setting import DEEPEST, Contact, Setting, common_factor, equations
 from socp.model import Expr
+from socp.process import in_time
 
 _LEVEL = (
     1e-7  # of the sum of its terms: less is what a point that comes near a surface leaves of zero
@@ -66,6 +67,7 @@ class Search:
         """Return the search with one more row that vanishes, at points moved onto it; LostError
         where none arrives.
         """
+        in_time(self.setting.name())
         start, rows = self.points if points is None else points, (*self.rows, row)
         own = casadi.vertcat(
             equations(self.setting, self.touch, rows),
@@ -83,6 +85,7 @@ class Search:
         """Tell which rows differ from zero at which points (n, rows): by more than round-off and
         the points' error.
         """
+        in_time(self.setting.name())
         z = extended_costate(self.setting.problem)
         stack = casadi.vertcat(*rows)
         evaluate = probes.evaluator(

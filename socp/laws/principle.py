@@ -2,6 +2,7 @@
 Legendre-Clebsch condition.
 """
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
@@ -9,7 +10,7 @@ from typing import final
 import casadi
 import numpy as np
 
-from socp.errors import MethodError
+from socp.errors import LateError, MethodError
 from socp.laws import elimination as eliminate
 from socp.laws import probes
 from socp.laws.brackets import extended_costate
@@ -17,6 +18,10 @@ from socp.laws.contacts import constraint_of
 from socp.laws.setting import Contact, Setting, contact, equations
 from socp.laws.singular import Derivatives, derivatives, matrix_of
 from socp.model import Expr, Mode, Modes, Problem, cached, column, once
+from socp.process import in_time
+
+# Times what was spent on a law in vain: with less time than that there is no use in beginning anew
+_LONGER = 2.0
 
 
 @final
@@ -124,13 +129,26 @@ def forget_derivation(problem: Problem) -> None:
 
 
 @once
+def _spent(_problem: Problem) -> dict[tuple[Modes, bool], float]:
+    """Return the seconds that went into laws which were not found in time, by arc."""
+    return {}
+
+
+@once
 def _found(problem: Problem, modes: Modes, constant: bool) -> ArcPrinciple | MethodError:
+    spent, began = _spent(problem), time.monotonic()
     try:
         setting = setting_of(problem, modes, constant=constant)
+        if setting.singular:
+            in_time(setting.name(), _LONGER * spent.get((modes, constant), 0.0))
         touch = contact(setting)
         if setting.singular:
             return _with_singular(setting, touch)
         return _without_singular(setting, touch)
+    except LateError:  # what is not known for want of time is not known to be none
+        took = time.monotonic() - began
+        spent[modes, constant] = max(took, spent.get((modes, constant), 0.0))
+        raise
     except MethodError as error:
         return error
 
@@ -158,6 +176,7 @@ def _without_singular(setting: Setting, touch: Contact) -> ArcPrinciple:
 def _with_singular(setting: Setting, touch: Contact) -> ArcPrinciple:
     problem, z = setting.problem, extended_costate(setting.problem)
     found = derivatives(setting, touch)
+    in_time(setting.name())
     law, feedback = eliminate.with_costate(setting, found), eliminate.feedback(setting, found)
     names = [problem.control_names[i] for i in setting.singular]
     put = {"symbols": setting.unknown, "values": law}

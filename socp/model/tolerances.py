@@ -35,6 +35,10 @@ AT_BOUND = 1e-3
 # of the range of a state constraint's values on the solution: as near counts as on it
 ACTIVE = 1e-4
 
+# seconds for a law that the judge would like to know besides what it decides: one that takes longer
+# has expressions too large to be followed (lessons, junctions, Legendre-Clebsch)
+LAWS = 5.0
+
 # one per cent of the magnitude of states and objective: what a second-order grid of some hundred
 # steps reaches
 FEASIBLE = 1e-2

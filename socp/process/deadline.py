@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
+from socp.errors import LateError
+
 _UNTIL: ContextVar[float] = ContextVar("until", default=float("inf"))
 
 
@@ -23,3 +25,11 @@ def time_limit(seconds: float) -> Iterator[None]:
 def seconds_left() -> float:
     """Return the seconds that are left, at least 0; infinite where no time is set."""
     return max(_UNTIL.get() - time.monotonic(), 0.0)
+
+
+def in_time(what: str, needed: float = 0.0) -> None:
+    """Raise LateError, naming what was asked for, where no more than the seconds needed are left
+    for it.
+    """
+    if seconds_left() <= needed:
+        raise LateError(f"{what}: the time allowed is over")

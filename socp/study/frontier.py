@@ -262,6 +262,7 @@ def limit_switches(
     """
     if (
         at_most < 1
+        or seconds_left() <= 0.0
         or found.extremal
         or not found.stop.ok
         or not found.structure

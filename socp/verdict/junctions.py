@@ -6,7 +6,8 @@ from itertools import pairwise
 
 from socp import laws
 from socp.errors import MethodError
-from socp.model import Problem, Solution
+from socp.model import LAWS, Problem, Solution
+from socp.process import time_limit
 
 _BESIDE = 1e-9  # of the horizon: how far from a junction the control is looked at
 _JUMP = 1e-3  # of the width of a control's box: a smaller difference is no jump
@@ -45,8 +46,11 @@ def _jumps(problem: Problem, solution: Solution, i: int, t: float) -> bool:
 
 
 def _order(problem: Problem, name: str) -> int:
-    """Return the order of the singular arcs of a control alone, 1 where they have no law."""
+    """Return the order of the singular arcs of a control alone, 1 where they have no law or none in
+    time.
+    """
     try:
-        return laws.derive(problem, (name,)).orders[name]
+        with time_limit(LAWS):
+            return laws.derive(problem, (name,)).orders[name]
     except MethodError:
         return 1

@@ -4,9 +4,10 @@ not found yet.
 
 import numpy as np
 
-from socp.errors import MethodError
+from socp.errors import LateError, MethodError
 from socp.laws import derive, forget_derivation, note_points, noted_points
-from socp.model import Problem, Solution, parameters_of
+from socp.model import LAWS, Problem, Solution, parameters_of
+from socp.process import time_limit
 from socp.verdict.structure import structure_of
 
 _POINTS = 12  # taken along one stretch
@@ -43,8 +44,14 @@ def learn(problem: Problem, solution: Solution) -> bool:
 
 
 def _has_law(problem: Problem, name: str) -> bool:
+    """Tell whether a control has a law, or none can be found in time: nothing would be learnt
+    then.
+    """
     try:
-        derive(problem, (name,))
+        with time_limit(LAWS):
+            derive(problem, (name,))
+    except LateError:
+        return True
     except MethodError:
         return False
     return True

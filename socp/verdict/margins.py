@@ -7,7 +7,8 @@ import numpy as np
 
 from socp import laws
 from socp.errors import MethodError
-from socp.model import TINY, Arc, Mode, Place, Problem, Solution, evaluate, lagrange, time
+from socp.model import LAWS, TINY, Arc, Mode, Place, Problem, Solution, evaluate, lagrange, time
+from socp.process import time_limit
 from socp.verdict.conditions import stretch_at
 from socp.verdict.nodes import Samples
 
@@ -86,7 +87,8 @@ def legendre_clebsch(
             continue
         label = ", ".join(str(arc[i]) for i in singular)
         try:
-            law = laws.extremal_arc(problem, modes)
+            with time_limit(LAWS):
+                law = laws.extremal_arc(problem, modes)
         except MethodError as error:
             unknown.append(f"the Legendre-Clebsch condition on {label} is unknown: {error}")
             continue
