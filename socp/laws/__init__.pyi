@@ -1,6 +1,8 @@
 from .book import law_lines as law_lines
+from .contacts import Tie as Tie
 from .contacts import controlled_constraints as controlled_constraints
 from .contacts import name_constraints as name_constraints
+from .contacts import tangential_joints as tangential_joints
 from .drawing import guessed_ends as guessed_ends
 from .drawing import travel_time as travel_time
 from .given import check_laws as check_laws

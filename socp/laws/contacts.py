@@ -1,4 +1,10 @@
-"""State constraints and the controls that act on them: which one a boundary arc follows."""
+"""State constraints and the controls that act on them: which one a boundary arc follows, and how it
+is met and left.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import final
 
 import casadi
 import numpy as np
@@ -6,7 +12,21 @@ import numpy as np
 from socp.errors import MethodError
 from socp.laws import probes
 from socp.laws.setting import tower
-from socp.model import Constraint, Mode, Problem, Word, column, once
+from socp.model import Constraint, Kind, Mode, Modes, Problem, Word, column, once
+
+_SIGNS: dict[Kind | None, int] = {"lower": -1, "upper": 1}  # of the bounds that a control goes to
+
+
+@final
+@dataclass(frozen=True)
+class Tie:
+    """A joint at which the law of a control, on an arc (an index), has the value of the bound that
+    it is at beside it: where its arc ends (`end` -1), or begins (0).
+    """
+
+    arc: int
+    control: int
+    end: int
 
 
 @once
@@ -69,19 +89,57 @@ def _named(problem: Problem, word: Word, k: int, i: int) -> Mode:
 
 
 def _fits(
-    problem: Problem, constraint: Constraint, i: int, around: tuple[str | None, str | None]
+    problem: Problem, constraint: Constraint, i: int, around: tuple[Kind | None, Kind | None]
 ) -> bool:
     """Tell whether bang neighbours can enter and leave a constraint: c^(q) < 0 after it, (-1)^q
     c^(q) < 0 before.
     """
+    order, push = _push(problem, constraint, i)
+    before, after = (push * _SIGNS.get(kind, 0) for kind in around)
+    return bool((before or after) and before * (-1) ** order <= 0 and after <= 0)
+
+
+@once
+def _push(problem: Problem, constraint: Constraint, i: int) -> tuple[int, int]:
+    """Return the order q of a constraint and the sign with which control i enters c^(q), 0 where it
+    is not one.
+    """
     held, top = tower(problem, constraint)
     at = probes.points_on(problem, column(held))
     slopes = probes.evaluator(problem, casadi.jacobian(top, problem.u[i]))(at)[0].ravel()
-    if not slopes.size or slopes.min() * slopes.max() <= 0:
+    alike = slopes.size and slopes.min() * slopes.max() > 0
+    return len(held), int(np.sign(slopes[0])) if alike else 0
+
+
+def tangential_joints(problem: Problem, word: Word) -> frozenset[Tie]:
+    """Return the joints of a word at which the law of a boundary arc has to have the value of the
+    bound that its control goes to, or comes from.
+
+    A bang that drives c up, after an arc along c = 0, would violate it, were the law not at that
+    bound where it is left: c^(q) <= 0 is needed of what follows, and the box keeps the law from
+    going further. Before an arc (-1)^q c^(q) <= 0 is needed likewise. Where another control that
+    acts on the constraint changes as well at that time nothing follows.
+    """
+    return frozenset(
+        Tie(arc, i, end)
+        for k, (one, other) in enumerate(pairwise(name_constraints(problem, word).arcs))
+        for arc, end, modes, beside in ((k, -1, one, other), (k + 1, 0, other, one))
+        for i, mode in enumerate(modes)
+        if mode.kind == "boundary" and _tangential(problem, i, (modes, beside), end)
+    )
+
+
+def _tangential(problem: Problem, i: int, modes: tuple[Modes, Modes], end: int) -> bool:
+    own, beside = modes
+    constraint = constraint_of(problem, i, own[i])
+    if beside[i].kind not in _SIGNS or any(mode.constraint == constraint.name for mode in beside):
         return False
-    push = {"upper": 1, "lower": -1}
-    before, after = (push.get(kind or "", 0) * int(np.sign(slopes[0])) for kind in around)
-    return bool((before or after) and before * (-1) ** len(held) <= 0 and after <= 0)
+    order, push = _push(problem, constraint, i)
+    towards = push * _SIGNS[beside[i].kind] * (1 if end else (-1) ** order)
+    changed = (j for j, mode in enumerate(own) if j != i and mode != beside[j])
+    return towards > 0 and not any(
+        constraint in controlled_constraints(problem, j) for j in changed
+    )
 
 
 def _acts(problem: Problem, constraint: Constraint, control: int) -> bool:

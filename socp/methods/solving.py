@@ -37,14 +37,16 @@ class Follower:
     points: collocation points an interval; intervals: fixed number of intervals an arc, 0 for as
     many as needed; tolerance: size of the states' last Legendre coefficients, relative, that ends
     refinement; boxed: impose the box of the controls on the values of the laws, which a right word
-    keeps by itself; longer: meet the ends with longer horizons first where the guess leads nowhere;
-    dwell: least length of every arc.
+    keeps by itself; loose: joints at which a law has to be at a bound are left free; longer: meet
+    the ends with longer horizons first where the guess leads nowhere; dwell: least length of every
+    arc.
     """
 
     points: int = 10
     intervals: int = 0
     tolerance: float = 1e-7
     boxed: bool = False
+    loose: bool = False
     longer: bool = True
     dwell: float = 0.0
     backend: Solver = field(default_factory=lambda: default_backend().within(1e-11))
@@ -56,7 +58,8 @@ class Follower:
         had.
         """
         length = (self.dwell, math.inf)
-        phased = follow(problem, word).with_phases(boxed=self.boxed, length=length)
+        phased = follow(problem, word, loose=self.loose)
+        phased = phased.with_phases(boxed=self.boxed, length=length)
         meshes = [
             uniform(lgr(self.points), self.intervals or count)
             for count in _counts(guess, len(phased.phases))

@@ -79,6 +79,7 @@ from .tolerances import ROUNDED as ROUNDED
 from .tolerances import SAME_TIME as SAME_TIME
 from .tolerances import SHORTEST as SHORTEST
 from .tolerances import TINY as TINY
+from .word import Kind as Kind
 from .word import Mode as Mode
 from .word import Modes as Modes
 from .word import Word as Word

@@ -9,7 +9,7 @@ import numpy as np
 
 from socp.errors import MethodError, SolveError
 from socp.laws import arc_modes
-from socp.methods import Follower, kept_in_box, polished
+from socp.methods import Follower, follow_word, polished
 from socp.model import Problem, Solution, Stop, Watch, Word, scales, silent
 from socp.search.candidate import Candidate
 from socp.search.effort import Ration, Search
@@ -110,16 +110,10 @@ def _late(problem: Problem, direct: Solution, search: Search) -> Iterator[list[C
 
 
 def solve_word(problem: Problem, now: Candidate, backend: Ration, watch: Watch) -> Solution | None:
-    """Solve along a candidate's word, with its laws boxed where they would leave the box; None
-    where that fails.
-    """
-    word = Word(problem.control_names, now.arcs)
-    follower = Follower(longer=False, backend=backend)
+    """Solve along a candidate's word; None where there is no such programme."""
+    word, follower = Word(problem.control_names, now.arcs), Follower(longer=False, backend=backend)
     try:
-        solution = kept_in_box(
-            problem,
-            lambda boxed: replace(follower, boxed=boxed)(problem, word, now.guess(), watch),
-        )
+        solution = follow_word(problem, word, now.guess(), follower, watch)
     except (MethodError, SolveError):
         return None
     if not solution.stop.ok:

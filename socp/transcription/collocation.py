@@ -188,16 +188,14 @@ def _path(grid: _Grid, rows: _Rows) -> dict[str, tuple[np.ndarray, slice]]:
 
 
 def _conditions(grid: _Grid, rows: _Rows) -> None:
-    """Add what holds at single times: entries of arcs, end conditions, the final time."""
+    """Add what holds at single times: entries and exits of arcs, end conditions, the final time."""
     phased, problem = grid.phased, grid.phased.of
     for k, phase in enumerate(phased.phases):
-        if phase.entry:
-            entry = casadi.Function(
-                "entry", [problem.x, phase.carried, time, problem.p], [column(phase.entry)]
-            )
-            rows.add(
-                entry(grid.X[:, grid.first[k]], grid.Y[k][:, 0], grid.starts[k], grid.p), 0.0, 0.0
-            )
+        for held, last in ((phase.entry, 0), (phase.exit, 1)):
+            if held:
+                given = [problem.x, phase.carried, time, problem.p]
+                at = grid.X[:, grid.first[k + last]], grid.Y[k][:, -last], grid.starts[k + last]
+                rows.add(casadi.Function("held", given, [column(held)])(*at, grid.p), 0.0, 0.0)
         for row, low, high in phase.choice.entry if phase.choice else ():
             entry = casadi.Function(
                 "entry", [problem.x, phase.carried, time, problem.p, phase.z], [row]

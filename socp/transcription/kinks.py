@@ -92,10 +92,11 @@ def cut_at_kinks(
     pieces: list[int] = []
     for phase, arc in zip(phased.phases, solution.arcs, strict=True):
         cuts = _crossings(phased, phase, arc, solution)
-        phases += [
+        parts = [
             phase,
             *(replace(phase, entry=(kink,), length=(0.0, np.inf)) for _, kink in cuts),
         ]
+        phases += [*(replace(part, exit=()) for part in parts[:-1]), parts[-1]]
         edges = [float(arc.t[0]), *(t for t, _ in cuts), float(arc.t[-1])]
         for a, b in pairwise(edges):
             meshes.append(_between(arc, (a, b), points))

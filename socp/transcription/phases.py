@@ -1,5 +1,6 @@
 """Problems cut into phases: one control law on each, free lengths between the switching times."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Self, final
@@ -61,11 +62,12 @@ class Phase:
     `control` (nu, 1) is an expression of x, t, p, of `free` (nv, 1), the controls that are
     collocated within `box` (2, nv), and of `carried` (ny, 1), quantities with a `carried_rate` (ny,
     1) of their own that are integrated along with the states: the costate, where a law needs it.
-    `entry` holds expressions of x, carried, t, p that vanish where the arc begins; `kept` names the
-    state constraints that the law itself keeps from there on: imposed again on this arc, they would
-    be dependent. `length` bounds the arc's length; `boxed` imposes the box on the values of the
-    law, which a right word keeps by itself. Where there is a `choice`, `control` depends on its
-    binaries too, and `modes` is what the arc is taken for while they are not known.
+    `entry` holds expressions of x, carried, t, p that vanish where the arc begins, `exit` those
+    that vanish where it ends; `kept` names the state constraints that the law itself keeps from its
+    entry on: imposed again on this arc, they would be dependent. `length` bounds the arc's length;
+    `boxed` imposes the box on the values of the law, which a right word keeps by itself. Where
+    there is a `choice`, `control` depends on its binaries too, and `modes` is what the arc is taken
+    for while they are not known.
     """
 
     modes: Modes
@@ -73,6 +75,7 @@ class Phase:
     free: Expr
     box: np.ndarray
     entry: tuple[Expr, ...] = ()
+    exit: tuple[Expr, ...] = ()
     kept: frozenset[str] = frozenset()
     length: tuple[float, float] = (0.0, np.inf)
     boxed: bool = False
@@ -116,15 +119,19 @@ def single_phase(problem: Problem, phases: int = 1) -> PhasedProblem:
     return follow(problem, free)
 
 
-def follow(problem: Problem, word: Word) -> PhasedProblem:
+def follow(problem: Problem, word: Word, *, loose: bool = False) -> PhasedProblem:
     """Return the problem on the arcs of a word: bounds and laws in place of the controls, free
     lengths.
 
-    Raises MethodError where a law is asked for that the problem does not have.
+    Unless it is `loose`, the law of a boundary arc is at its control's bound where the arc cannot
+    be met or left otherwise. Raises MethodError where a law is asked for that the problem does not
+    have.
     """
     phases: list[Phase] = []
     for modes in laws.name_constraints(problem, word).arcs:
         phases.append(_phase(problem, modes, phases[-1].kept if phases else frozenset()))
+    for tie in () if loose else laws.tangential_joints(problem, word):
+        phases[tie.arc] = _tied(problem, phases, tie)
     phases[0] = replace(
         phases[0], entry=tuple(each for each in phases[0].entry if not _met(problem, each))
     )
@@ -144,6 +151,21 @@ def _met(problem: Problem, entry: Expr) -> bool:
         return False
     size = max([1.0, *map(abs, values)])
     return abs(float(casadi.evalf(at))) <= _ROUNDING * size
+
+
+def _tied(problem: Problem, phases: Sequence[Phase], tie: laws.Tie) -> Phase:
+    """Return a phase whose law has the value of the bound beside it at one of its ends.
+
+    A law that is a constant has no time at which it does, and one of free controls is not known.
+    """
+    phase, i = phases[tie.arc], tie.control
+    beside = phases[tie.arc + (1 if tie.end else -1)].modes[i]
+    row = phase.control[i] - float(problem.box[int(beside.kind == "upper"), i])
+    if row.is_constant() or casadi.depends_on(row, phase.free):
+        return phase
+    if tie.end:
+        return replace(phase, exit=(*phase.exit, row))
+    return replace(phase, entry=(*phase.entry, row))
 
 
 def _phase(problem: Problem, modes: Modes, kept: frozenset[str]) -> Phase:

@@ -116,11 +116,12 @@ class Shooting:
             cost += casadi.sum2(running)
             if k:
                 blocks.append(z[k][:nx, 0] - z[k - 1][:nx, -1])
-            if phase.entry:
-                entry = casadi.Function(
-                    "e", [problem.x, phase.carried, time, problem.p], [column(phase.entry)]
-                )
-                blocks.append(entry(z[k][:nx, 0], z[k][nx:, 0], begin, p))
+            given = [problem.x, phase.carried, time, problem.p]
+            for held, at in ((phase.entry, 0), (phase.exit, -1)):
+                if held:
+                    function = casadi.Function("held", given, [column(held)])
+                    moment = begin + lengths[k] if at else begin
+                    blocks.append(function(z[k][:nx, at], z[k][nx:, at], moment, p))
             begin = begin + lengths[k]
         ends, at_ends = self._ends(begin)
         mayer = mayer_function(problem)
