@@ -41,6 +41,8 @@ def simplified(problem: Problem, expression: Expr, points: np.ndarray) -> Expr:
     Returns the expression itself where it cannot be translated, takes too long, or does not come
     out the same.
     """
+    import sympy  # noqa: F401 - here, as an import that the alarm cuts off stays half loaded
+
     expression = casadi.SX(expression)
     translation = _Translation({s.name(): s for s in casadi.symvar(expression)})
     shortest = expression

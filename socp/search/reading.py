@@ -148,7 +148,7 @@ def read(problem: Problem, solution: Solution, *, plain: bool = False) -> Candid
             ]
             if not blurred:
                 break
-            _absorb(kept, blurred[0])
+            _absorb(kept, blurred[0], _time_above(problem, solution, name, kept[blurred[0]]))
         rows[name] = tuple(kept)
     return candidate(solution, rows)
 
@@ -168,9 +168,40 @@ def _calmed(row: list[tuple[str, float, float]], shortest: float) -> list[tuple[
     return calm
 
 
-def _absorb(row: list[tuple[str, float, float]], k: int) -> None:
-    """Divide a stretch between its neighbours."""
+def _absorb(row: list[tuple[str, float, float]], k: int, above: float) -> None:
+    """Put bangs of the same integral in place of a stretch inside the box, which the grid has
+    smeared: above is the time (b - a at most) that its control would spend at the upper bound.
+
+    Between unlike bangs it is their switch; beside one bang, or between two alike, it hides a burst
+    to the other bound. Beside an arc of another kind it is divided between its neighbours.
+    """
     _, a, b = row.pop(k)
+    beside = (row[k - 1][0] if k else "", row[k][0] if k < len(row) else "")
+    bangs = {mode for mode in beside if mode}
+    if not bangs <= {"+", "-"}:
+        _divide(row, k, (a, b))
+        return
+    first, last = beside[0] or _OTHER[beside[1]], beside[1] or _OTHER[beside[0]]
+    spent = {"+": above, "-": b - a - above}
+    if first != last:
+        at = a + spent[first]
+        inner = [(first, a, at), (last, at, b)]
+    else:
+        burst = spent[_OTHER[first]]
+        if burst < _LEAST * (b - a):
+            inner = [(first, a, b)]
+        else:
+            rim = spent[first] / 2.0
+            inner = [(first, a, a + rim), (_OTHER[first], a + rim, b - rim), (last, b - rim, b)]
+    row[k:k] = [each for each in inner if each[2] > each[1]]
+    for at in range(len(row) - 1, 0, -1):
+        if row[at - 1][0] == row[at][0]:
+            row[at - 1 : at + 1] = [(row[at][0], row[at - 1][1], row[at][2])]
+
+
+def _divide(row: list[tuple[str, float, float]], k: int, gap: tuple[float, float]) -> None:
+    """Give the time of a stretch that was taken out to its neighbours."""
+    a, b = gap
     if k == 0:
         row[0] = (row[0][0], a, row[0][2])
     elif k == len(row):
@@ -180,6 +211,29 @@ def _absorb(row: list[tuple[str, float, float]], k: int) -> None:
         row[k - 1], row[k] = (row[k - 1][0], row[k - 1][1], middle), (row[k][0], middle, row[k][2])
         if row[k - 1][0] == row[k][0]:
             row[k - 1 : k + 1] = [(row[k][0], row[k - 1][1], row[k][2])]
+
+
+def _time_above(
+    problem: Problem, solution: Solution, name: str, stretch: tuple[str, float, float]
+) -> float:
+    """Return how long a control would have to be at its upper bound, and else at its lower one, to
+    have its integral over a stretch.
+    """
+    i, (_, a, b) = problem.control_names.index(name), stretch
+    low, high = problem.box[:, i]
+    area = 0.0
+    for arc in solution.arcs:
+        for k in range(len(arc.mesh) - 1):
+            start, end = arc.t[arc.mesh[k]], arc.t[arc.mesh[k + 1]]
+            common = min(b, end) - max(a, start)
+            if common > 0.0:
+                nodes = arc.nodes(k, "u")
+                mean = legendre_coefficients(arc.t[nodes], arc.u[i, nodes], (start, end))[0]
+                area += common * float(mean)
+    return float(np.clip((area - low * (b - a)) / (high - low), 0.0, b - a))
+
+
+_OTHER = {"+": "-", "-": "+"}
 
 
 # Steps of a grid: a stretch shorter than this, inside its box, is a switch that the grid has

@@ -23,7 +23,7 @@ def chattering(problem: Problem, solution: Solution) -> list[str]:
     """
     found = []
     for i, name in enumerate(problem.control_names):
-        pairs = pairwise(solution.structure[name])
+        pairs = pairwise(solution.structure.get(name, ()))  # none where states are not finite
         jumps = [
             t
             for (one, _, t), (other, _, _) in pairs

@@ -3,6 +3,8 @@ by their names.
 """
 
 import importlib
+import subprocess
+import sys
 from functools import cache
 from typing import Any
 
@@ -669,6 +671,30 @@ def test_simplified_keeps_what_it_cannot_translate() -> None:
     odd = casadi.erf(x) + y
     assert simplified(own, odd, sampled.admissible(own)) is not None
     assert same(own, simplified(own, odd, sampled.admissible(own)), odd)
+
+
+def test_a_formula_that_takes_too_long_leaves_the_next_one_whole() -> None:
+    """In a process that has not loaded sympy: an import that is cut off would stay half loaded."""
+    script = """
+import casadi
+from socp import Problem, controls, states
+from socp.laws import probes, simplify
+x, y = states("x y")
+u = controls("u")
+own = Problem(
+    name="own", running=x, dynamics={x: u, y: x}, bounds={u: (-1, 1)}, start={x: 1, y: 1},
+    final_time=1,
+)
+circle, points = casadi.cos(x) ** 2 + casadi.sin(x) ** 2, probes.admissible(own)
+simplify._SECONDS = 1e-3
+simplify.simplified(own, circle, points)
+simplify._SECONDS = 60.0
+print(simplify.simplified(own, circle, points))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "1"
 
 
 # -- the algebra beneath

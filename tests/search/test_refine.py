@@ -87,6 +87,26 @@ def test_reading_keeps_a_long_stretch_inside_the_box() -> None:
     ]
 
 
+def test_a_solution_whose_structure_is_not_known_is_not_called_chattering() -> None:
+    assert chattering(problem, held([1] * 12, [2] * 12)) == []
+
+
+def test_a_burst_shorter_than_a_step_is_read_from_its_integral() -> None:
+    found = read(problem, held([-1] * 5 + [0.4] + [-1] * 6, [2] * 11 + [0.5]))
+    assert spelt(found) == ["- +", "+ +", "- +", "- -"]
+    assert np.allclose(found.edges, [0, 5.15, 5.85, 11.25, 12])
+
+
+def test_a_burst_at_the_start_is_read_from_its_integral() -> None:
+    found = read(problem, held([-0.5] + [-1] * 11, [2] * 12))
+    assert spelt(found) == ["+ +", "- +"]
+    assert np.allclose(found.edges, [0, 0.25, 12])
+
+
+def test_what_a_solver_leaves_off_a_bound_is_no_burst() -> None:
+    assert spelt(read(problem, held([-1] * 5 + [-0.99] + [-1] * 6, [2] * 12))) == ["- +"]
+
+
 def test_reading_takes_fast_flutter_for_a_singular_arc() -> None:
     assert spelt(read(problem, held([1] * 20 + [-1, 1] * 10 + [-1] * 20, [2] * 60))) == [
         "+ +",

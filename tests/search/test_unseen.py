@@ -136,3 +136,34 @@ def test_an_unseen_problem_is_certified(problem: Problem, objective: float, word
     assert found.objective == pytest.approx(objective, rel=1e-10)
     assert str(found.word) == word
     assert "round 2 of 3" in told
+
+
+# -- reading
+
+
+@pytest.mark.slow
+def test_bursts_shorter_than_a_step_are_found() -> None:
+    """Rendezvous near a circular orbit (Hill, Clohessy, Wiltshire) with four jets and least fuel,
+    in metres and seconds; the value is that of phases of free lengths on two grids.
+    """
+    y, vx, vy = states("y vx vy")
+    jets = controls("xp xn yp yn")
+    n = 0.00113
+    rendezvous = Problem(
+        name="rendezvous",
+        running=sum(jets),
+        dynamics={
+            x: vx,
+            y: vy,
+            vx: 3 * n**2 * x + 2 * n * vy + jets[0] - jets[1],
+            vy: -2 * n * vx + jets[2] - jets[3],
+        },
+        bounds=dict.fromkeys(jets, (0, 0.005)),
+        start={x: 1500, y: -6000, vx: 0.4, vy: -1.0},
+        end={x: 0, y: 0, vx: 0, vy: 0},
+        final_time=5400,
+    )
+    found = auto(rendezvous)
+    assert found.extremal
+    assert found.objective == pytest.approx(5.295090157, rel=1e-9)
+    assert found.word == "xp: -; xn: + - +; yp: - +; yn: + - + -"
