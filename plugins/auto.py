@@ -29,6 +29,7 @@ from socp.search import (
     along_words,
     conclude,
     escalate,
+    outdo,
     pursue,
     refine,
     time_shares,
@@ -100,6 +101,8 @@ class Auto(Method):
             escalate(problem, search, directs, (other, self.steps, self.backend), watch)
         hand = [*directs, *met]
         pursue(problem, search, hand, watch)
+        if self.starts:
+            outdo(problem, search, hand, watch, self.backend)
         found = conclude(problem, search, hand, watch)
         return limit_switches(problem, found, self.max_switches, watch, self.backend)
 

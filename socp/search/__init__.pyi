@@ -1,7 +1,3 @@
-from .attempt import Coarse as Coarse
-from .bounded import BoundedSearch as BoundedSearch
-from .branching import Branching as Branching
-from .branching import Child as Child
 from .budget import escalate as escalate
 from .budget import time_shares as time_shares
 from .candidate import Candidate as Candidate
@@ -28,6 +24,11 @@ from .neighbours import word_of as word_of
 from .reading import read as read
 from .reading import with_hidden_bangs as with_hidden_bangs
 from .refinement import refine as refine
+from .rivals import outdo as outdo
 from .rounding import rounded_word as rounded_word
-from .softening import end_miss as end_miss
-from .softening import softened_problem as softened_problem
+from .tree.attempt import Coarse as Coarse
+from .tree.bounded import BoundedSearch as BoundedSearch
+from .tree.branching import Branching as Branching
+from .tree.branching import Child as Child
+from .tree.softening import end_miss as end_miss
+from .tree.softening import softened_problem as softened_problem

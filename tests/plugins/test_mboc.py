@@ -20,9 +20,9 @@ from socp.model.word import Mode, Word
 from socp.registry.plugins import Registry
 from socp.registry.standard import minimum_time
 from socp.search.candidate import Candidate, without_short_arcs
-from socp.search.insertion import insertions, magnitude
 from socp.search.ledger import Ledger, all_words, canonical, insert_into, word_count
-from socp.search.softening import end_miss, softened_problem
+from socp.search.tree.insertion import insertions, magnitude
+from socp.search.tree.softening import end_miss, softened_problem
 
 LOWER, UPPER, SINGULAR = (Mode("lower"),), (Mode("upper"),), (Mode("singular"),)
 MODES = (LOWER, UPPER, SINGULAR)

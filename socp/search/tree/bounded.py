@@ -14,15 +14,15 @@ from socp.errors import MethodError, SolveError
 from socp.laws import arc_modes
 from socp.methods import guess_along, scouts, solve_collocated
 from socp.model import SHORTEST, Modes, Problem, Solution, Stop, Watch, Word, silent
-from socp.search.attempt import Coarse
-from socp.search.branching import Branching, Child
 from socp.search.candidate import Candidate
 from socp.search.effort import Ration, along_words
 from socp.search.ledger import all_words, word_count
 from socp.search.neighbours import shortened, word_of
 from socp.search.reading import with_hidden_bangs
 from socp.search.rounding import rounded_word
-from socp.search.softening import end_miss, softened_problem
+from socp.search.tree.attempt import Coarse
+from socp.search.tree.branching import Branching, Child
+from socp.search.tree.softening import end_miss, softened_problem
 from socp.solvers import Backend
 from socp.transcription import radau_iia, single_phase, uniform
 from socp.verdict import chattering, judge

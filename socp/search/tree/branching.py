@@ -26,15 +26,15 @@ from socp.model import (
     search_watch,
     silent,
 )
-from socp.search.attempt import Coarse, staggered, trimmed
 from socp.search.candidate import Candidate, insert_modes
 from socp.search.effort import node, rank
-from socp.search.insertion import insertions, magnitude
 from socp.search.ledger import Ledger
 from socp.search.mending import mends
 from socp.search.neighbours import shortened
 from socp.search.refinement import solve_word
-from socp.search.softening import end_miss
+from socp.search.tree.attempt import Coarse, staggered, trimmed
+from socp.search.tree.insertion import insertions, magnitude
+from socp.search.tree.softening import end_miss
 from socp.transcription import tails
 
 # Of the Hamiltonian's terms, beside how far the mesh is off: below, an insertion gains nothing

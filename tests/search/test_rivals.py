@@ -1,0 +1,108 @@
+"""Rivals: better extremals than a certified one, found by shooting along short words of bangs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from socp import Problem, Solution, controls, default_guess, final_time, run, states
+from socp.registry import Registry
+from socp.search import Search
+from socp.search.rivals import outdo, rivals
+
+x, v = states("x v")
+u = controls("u")
+
+# to a distance of 1 on either side in a current: 2/3 with it, 2 against it, both extremals
+CURRENT = Problem(
+    name="current",
+    minimise=final_time,
+    dynamics={x: 0.5 + u},
+    bounds={u: (-1, 1)},
+    start={x: 0},
+    target={"either side": x**2 == 1},
+    guess={x: (0, -1), final_time: 2},
+)
+REST = Problem(
+    name="rest",
+    minimise=final_time,
+    dynamics={x: v, v: u},
+    bounds={u: (-1, 1)},
+    start={x: 1, v: 1},
+    end={x: 0, v: 0},
+)
+
+
+def along(problem: Problem, word: str) -> Solution:
+    method = Registry.load().method("lgr-multiphase")(word=word)
+    return run(method, problem, default_guess(problem))
+
+
+def test_a_rival_is_met_by_shooting() -> None:
+    worse = along(CURRENT, "-")
+    assert worse.extremal
+    assert worse.objective == pytest.approx(2.0)
+    found = rivals(CURRENT, worse)
+    assert found[0].objective == pytest.approx(2.0 / 3.0)
+    assert all(each.objective < worse.objective for each in found)
+
+
+def test_the_search_goes_on_from_a_rival() -> None:
+    search, points = Search(), list[Solution]()
+    search.keep(along(CURRENT, "-"))
+    outdo(CURRENT, search, points)
+    assert search.best is not None
+    assert search.best.extremal
+    assert search.best.objective == pytest.approx(2.0 / 3.0)
+    assert points
+
+
+def test_the_best_extremal_has_no_rivals() -> None:
+    assert rivals(CURRENT, along(replace(CURRENT, guess={x: (0, 1)}), "+")) == []
+    best = along(REST, "- +")
+    assert best.objective == pytest.approx(1 + np.sqrt(6))
+    assert rivals(REST, best) == []
+
+
+@pytest.mark.slow
+def test_the_aircraft_is_brought_to_trim_by_three_switches() -> None:
+    """Garrard and Jordan's F-8: coarse grids show an extremal of 5.73 alone; the best known has
+    3.78086 (mintoc.de).
+    """
+    a, pitch, rate = states("a pitch rate")
+    w = controls("w")
+    xi = 0.05236
+    e = xi * (2 * w - 1)
+    aircraft = Problem(
+        name="aircraft",
+        minimise=final_time,
+        dynamics={
+            a: -0.877 * a
+            + rate
+            - 0.088 * a * rate
+            + 0.47 * a**2
+            - 0.019 * pitch**2
+            - a**2 * rate
+            + 3.846 * a**3
+            - 0.215 * e
+            + 0.28 * a**2 * e
+            + 0.47 * a * xi**2
+            + 0.63 * xi**2 * e,
+            pitch: rate,
+            rate: -4.208 * a
+            - 0.396 * rate
+            - 0.47 * a**2
+            - 3.564 * a**3
+            - 20.967 * e
+            + 6.265 * a**2 * e
+            + 46 * a * xi**2
+            + 61.4 * xi**2 * e,
+        },
+        bounds={w: (0, 1)},
+        start={a: 0.4655, pitch: 0, rate: 0},
+        end={a: 0, pitch: 0, rate: 0},
+    )
+    found = run(Registry.load().method("auto")(), aircraft, default_guess(aircraft))
+    assert found.extremal
+    assert found.word == "w: + - + -"
+    assert found.objective == pytest.approx(3.78085577, rel=1e-8)
