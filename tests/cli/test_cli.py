@@ -5,12 +5,12 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi
 import pytest
+from carts import FILE, Command, Said
 from conftest import PLUGIN, Install
 
 from socp import controls, states
@@ -26,30 +26,6 @@ from socp.view.statement import formula, number
 
 AUV = str(Path(__file__).parents[2] / "problems" / "auv.py")
 HEAVY = ("casadi", "pyomo", "cvxpy", "rerun", "matplotlib")
-PROBLEM = """from socp import Problem, controls, final_time, states
-
-x, v = states("x v")
-u = controls("u")
-problem = Problem(
-    name="cart",
-    minimise=final_time,
-    dynamics={x: v, v: u},
-    bounds={u: (-1, 1)},
-    start={x: 0, v: 0},
-    end={x: 1, v: 0},
-)
-"""
-
-
-class Said(NamedTuple):
-    """What a command wrote and returned."""
-
-    code: int
-    out: str
-    err: str
-
-
-Command = Callable[..., Said]
 
 
 @pytest.fixture
@@ -59,7 +35,7 @@ def socp(
     """Run the command line in this process, in an empty directory with the file cart.py."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("SOCP_PLUGINS", raising=False)
-    Path("cart.py").write_text(PROBLEM)
+    Path("cart.py").write_text(FILE)
 
     def run(*arguments: str) -> Said:
         code = main(arguments)
@@ -129,7 +105,7 @@ def test_strict_takes_an_extremal_alone(socp: Command) -> None:
 
 
 def test_solve_takes_a_guess_an_output_and_a_name_in_a_file(socp: Command) -> None:
-    Path("two.py").write_text(PROBLEM.replace("problem = ", "other = "))
+    Path("two.py").write_text(FILE.replace("problem = ", "other = "))
     assert (
         socp(
             "solve", "two.py:other", "-m", "euler-ipopt", "-o", "steps=20", "--out", "first.json"
@@ -193,12 +169,12 @@ FILES = {
         "raises.py, line 3: ZeroDivisionError: division by zero\n  3 | foo = 1 / 0",
     ),
     "affine.py": (
-        PROBLEM.replace("v: u}", "v: u**2}"),
+        FILE.replace("v: u}", "v: u**2}"),
         "affine.py, line 5: problem 'cart': dynamics of 'v' is not affine",
     ),
     "none.py": ("a = 3\n", "none.py: defines no 'problem'; assign one: problem = Problem(...)"),
     "other.py": (
-        PROBLEM.replace("problem = ", "mine = "),
+        FILE.replace("problem = ", "mine = "),
         "other.py: defines no 'problem' (it has mine); write other.py:mine",
     ),
     "int.py": ("problem = 3\n", "int.py: 'problem' is an int, not a Problem"),
