@@ -142,15 +142,15 @@ def _reason(error: MethodError) -> str:
     return rest or str(error)
 
 
-def _remark(problem: Problem, found: ArcPrinciple, at: list[int], where: str) -> str:
+def _remark(problem: Problem, principle: ArcPrinciple, at: list[int], where: str) -> str:
     """Return what sampling shows of the Legendre-Clebsch matrix where the law is within the
     bounds.
     """
-    outside = _outside(problem, found, at, where)
+    outside = _outside(problem, principle, at, where)
     if outside:
         return outside
-    inside = _inside(problem, found, at)
-    matrix = probes.evaluator(problem, found.legendre_clebsch)(inside)[0]
+    inside = _inside(problem, principle, at)
+    matrix = probes.evaluator(problem, principle.legendre_clebsch)(inside)[0]
     matrix = matrix[np.isfinite(matrix).all(axis=(1, 2))]
     values = np.linalg.eigvalsh((matrix + matrix.transpose(0, 2, 1)) / 2)
     prefix, count = f"{where}: " if where else "", f"{len(values)} sampled points"
@@ -164,39 +164,41 @@ def _remark(problem: Problem, found: ArcPrinciple, at: list[int], where: str) ->
     return f"{prefix}positive at {share:.0%} of {count}: to be checked along an arc"
 
 
-def _points(problem: Problem, found: ArcPrinciple) -> np.ndarray:
+def _points(problem: Problem, principle: ArcPrinciple) -> np.ndarray:
     """Return points (nv, n) on the arc at which its law has a value, those of its derivation among
     them.
     """
-    at = probes.onto(problem, found.equations, probes.admissible(problem, _SAMPLES))
-    if found.derivatives is None:
+    at = probes.onto(problem, principle.equations, probes.admissible(problem, _SAMPLES))
+    if principle.derivatives is None:
         return at
-    at = at[:, regular(*found.derivatives, at)]
-    return at if at.shape[1] > found.points.shape[1] else found.points
+    at = at[:, regular(*principle.derivatives, at)]
+    return at if at.shape[1] > principle.points.shape[1] else principle.points
 
 
-def _values(problem: Problem, found: ArcPrinciple, at: list[int], points: np.ndarray) -> np.ndarray:
-    values: np.ndarray = probes.evaluator(problem, found.control[at])(points)[0][:, :, 0]
+def _values(
+    problem: Problem, principle: ArcPrinciple, at: list[int], points: np.ndarray
+) -> np.ndarray:
+    values: np.ndarray = probes.evaluator(problem, principle.control[at])(points)[0][:, :, 0]
     return values
 
 
-def _inside(problem: Problem, found: ArcPrinciple, at: list[int]) -> np.ndarray:
+def _inside(problem: Problem, principle: ArcPrinciple, at: list[int]) -> np.ndarray:
     """Return the sampled points (nv, n) at which the laws of the controls respect their bounds."""
-    points = _points(problem, found)
-    u = _values(problem, found, at, points)
+    points = _points(problem, principle)
+    u = _values(problem, principle, at, points)
     low, high = problem.box[:, at]
     return points[:, ((u >= low) & (u <= high)).all(axis=1)]
 
 
-def _outside(problem: Problem, found: ArcPrinciple, at: list[int], where: str) -> str:
+def _outside(problem: Problem, principle: ArcPrinciple, at: list[int], where: str) -> str:
     """Return a warning where a law leaves the bounds at every sampled point, or no point was met,
     else nothing.
     """
-    points = _points(problem, found)
+    points = _points(problem, principle)
     prefix = f"{where}: " if where else ""
     if not points.shape[1]:
         return f"{prefix}no state and costate that satisfy its conditions were met by sampling"
-    if _inside(problem, found, at).shape[1]:
+    if _inside(problem, principle, at).shape[1]:
         return ""
     names = ", ".join(problem.control_names[i] for i in at)
     return (

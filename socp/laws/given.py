@@ -100,12 +100,13 @@ def _refuse(problem: Problem, name: str, kind: str, law: Expr, arcs: list[ArcPri
     )
 
 
-def _difference(problem: Problem, i: int, law: Expr, found: ArcPrinciple) -> str | None:
+def _difference(problem: Problem, i: int, law: Expr, principle: ArcPrinciple) -> str | None:
     """Return both formulas and their values at the point where they differ most, None where they
     agree.
     """
     own, derived = (
-        values[:, 0, 0] for values in probes.evaluator(problem, law, found.control[i])(found.points)
+        values[:, 0, 0]
+        for values in probes.evaluator(problem, law, principle.control[i])(principle.points)
     )
     gap = np.abs(own - derived) / (np.ptp(problem.box[:, i]) + np.abs(derived))
     gap = np.where(np.isfinite(derived), np.where(np.isfinite(own), gap, np.inf), 0.0)
@@ -115,10 +116,10 @@ def _difference(problem: Problem, i: int, law: Expr, found: ArcPrinciple) -> str
     point = ", ".join(
         f"{s} = {v:.6g}"
         for s, v in zip(
-            problem.state_names, found.points[1 : 1 + problem.x.numel(), k], strict=True
+            problem.state_names, principle.points[1 : 1 + problem.x.numel(), k], strict=True
         )
     )
-    formula = found.control[i] if found.feedback is None else found.feedback[i]
+    formula = principle.control[i] if principle.feedback is None else principle.feedback[i]
     return (
         f"{name} = {law}, but Pontryagin's principle gives {name} = {formula}; "
         f"at {point} they are {own[k]:.6g} and {derived[k]:.6g}"

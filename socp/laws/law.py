@@ -122,8 +122,8 @@ def _shared(problem: Problem, modes: Modes) -> ArcPrinciple | None:
     return replace(found, feedback=casadi.substitute(found.feedback, bangs, values))
 
 
-def _costate_entry(problem: Problem, found: ArcPrinciple) -> tuple[Expr, ...]:
-    conditions = casadi.vertsplit(found.conditions)
+def _costate_entry(problem: Problem, principle: ArcPrinciple) -> tuple[Expr, ...]:
+    conditions = casadi.vertsplit(principle.conditions)
     if homogeneous(problem):
         conditions.append(casadi.sumsqr(problem.costate) - 1)
     return tuple(conditions)

@@ -48,25 +48,27 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
         return with_statement(problem, solution)
 
 
-def check_solution(method: str, problem: Problem, found: Any) -> Solution:
+def check_solution(method: str, problem: Problem, returned: Any) -> Solution:
     """Return what a method returned, if it can be a solution of the problem; ContractError says why
     it cannot.
     """
-    if not isinstance(found, Solution):
+    if not isinstance(returned, Solution):
         raise ContractError(
-            f"method '{method}': solve returned {_what(found)}, where a Solution is needed"
+            f"method '{method}': solve returned {_what(returned)}, where a Solution is needed"
         )
-    fault = next(_faults(problem, found), "")
+    fault = next(_faults(problem, returned), "")
     if fault:
         raise ContractError(
             f"method '{method}': solve returned a Solution that is none of this problem: {fault}"
         )
-    return found
+    return returned
 
 
-def _what(found: Any) -> str:
-    kind = type(found).__name__
-    return "nothing" if found is None else f"{'an' if kind[0].lower() in 'aeiou' else 'a'} {kind}"
+def _what(returned: Any) -> str:
+    kind = type(returned).__name__
+    return (
+        "nothing" if returned is None else f"{'an' if kind[0].lower() in 'aeiou' else 'a'} {kind}"
+    )
 
 
 def _faults(problem: Problem, solution: Any) -> Iterator[str]:

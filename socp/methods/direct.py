@@ -86,11 +86,11 @@ def _guesses(problem: Problem, guess: Solution) -> Iterator[Solution]:
     yield from scattered_guesses(problem, guess)
 
 
-def count_in(met: list[tuple[Solution, int]], found: Solution) -> list[tuple[Solution, int]]:
+def count_in(met: list[tuple[Solution, int]], solution: Solution) -> list[tuple[Solution, int]]:
     """Count one more solution among those met, clustered by objective, best first."""
     for k, (known, count) in enumerate(met):
-        if abs(known.objective - found.objective) <= _ALIKE * (
-            abs(known.objective) + abs(found.objective)
+        if abs(known.objective - solution.objective) <= _ALIKE * (
+            abs(known.objective) + abs(solution.objective)
         ):
             return [*met[:k], (known, count + 1), *met[k + 1 :]]
-    return sorted([*met, (found, 1)], key=lambda pair: pair[0].objective)
+    return sorted([*met, (solution, 1)], key=lambda pair: pair[0].objective)

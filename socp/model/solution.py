@@ -38,20 +38,20 @@ class Stop(Enum):
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Solution:
-    """What a method returns: a point with its history, no claim.
+    """What a method returns, a point without a claim, and what is known of it since.
 
     `objective` is the method's own value; `parameters` by name; `trace` maps a quantity to its
-    value per iteration; `seconds` is split into build and solve. `structure` gives every control's
-    stretches (mode, start, end). `verified` holds the feasibility by time and, where the word has
-    laws, by feedback; `verdict` is the judge's. `nodes`: what a search over words tried, in order;
-    `meshes`: the ends of all intervals (k,), in time, of every mesh solved on before this one.
-    `agreement`: how far apart two computations of this solution are, where there were two.
+    value per iteration; `seconds` is split into build and solve. `nodes`: what a search over words
+    tried, in order; `meshes`: the ends of all intervals (k,), in time, of every mesh solved on
+    before this one. `structure` gives every control's stretches (mode, start, end). `verified`
+    holds the feasibility by time and, where the word has laws, by feedback; `verdict` is the
+    judge's. `agreement`: how far apart two computations of this solution are, where there were two.
     `statement` is the problem that was judged, as data; `unstated` says why there is none, where it
     cannot be written.
     """
 
+    # what the method returns
     problem: str
-    method: str
     arcs: tuple[Arc, ...]
     objective: float
     stop: Stop
@@ -59,17 +59,21 @@ class Solution:
     state_names: tuple[str, ...] = ()
     control_names: tuple[str, ...] = ()
     parameters: Mapping[str, float] = field(default_factory=dict)
-    options: Mapping[str, Any] = field(default_factory=dict)
-    versions: Mapping[str, str] = field(default_factory=dict)
+    # how it got there
     iterations: int = 0
     seconds: Mapping[str, float] = field(default_factory=dict)
     trace: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    nodes: tuple[Node, ...] = ()
+    meshes: tuple[tuple[float, ...], ...] = ()
+    # what the judge says
     structure: Mapping[str, tuple[tuple[str, float, float], ...]] = field(default_factory=dict)
     verified: tuple[Feasibility, ...] = ()
     verdict: Verdict | None = None
-    nodes: tuple[Node, ...] = ()
-    meshes: tuple[tuple[float, ...], ...] = ()
     agreement: Agreement | None = None
+    # where it comes from
+    method: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
     statement: Mapping[str, Any] | None = None
     unstated: str = ""
 

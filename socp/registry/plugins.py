@@ -235,18 +235,18 @@ def _explained(plugin: Plugin, outcome: str, error: BaseException) -> str:
     return f"{plugin.who}: {outcome}: {explain(error, origin(plugin.target))}"
 
 
-def as_problem(found: Any, where: str) -> "Problem":
+def as_problem(value: Any, where: str) -> "Problem":
     """Return an object that is a Problem as it is; ProblemError, starting with `where`, says what
     it is instead.
     """
     from socp.model import Problem
 
-    if not isinstance(found, Problem):
-        kind = type(found).__name__
+    if not isinstance(value, Problem):
+        kind = type(value).__name__
         raise ProblemError(
             f"{where} is {'an' if kind[0].lower() in 'aeiou' else 'a'} {kind}, not a Problem"
         )
-    return found
+    return value
 
 
 def _environment() -> Collection[str] | None:

@@ -93,7 +93,7 @@ class Job:
 
 @final
 @dataclass(eq=False)
-class _Told:
+class _Reports:
     """What was told so far: the best verified point, the best bound, the last status, and what was
     not believed.
     """
@@ -179,7 +179,7 @@ def solved_apart(nlp: NLP, guess: NLPPoint, job: Job, watch: Watch) -> Outcome:
     with tempfile.TemporaryDirectory(prefix="socp-") as place:
         folder = Path(place)
         said = job.prepared(folder)
-        began, told = time.perf_counter(), _Told(nlp, job.name)
+        began, told = time.perf_counter(), _Reports(nlp, job.name)
         kill_after = max(until - time.time(), 0.0) + GRACE
         limits = {"until": until, "killed_after": kill_after, "parent": os.getpid()}
         (folder / "job.json").write_text(json.dumps({**said, **limits}), encoding="utf-8")
@@ -189,7 +189,7 @@ def solved_apart(nlp: NLP, guess: NLPPoint, job: Job, watch: Watch) -> Outcome:
         return _outcome(told, guess, ended, time.perf_counter() - began)
 
 
-def _attended(run: tuple[str, Path], told: _Told, watch: Watch, deadline: float) -> str:
+def _attended(run: tuple[str, Path], reports: _Reports, watch: Watch, deadline: float) -> str:
     """Listen to a solver until it ends or has to be ended; returns how it ended."""
     # -P: a file such as signal.py or json.py in the current folder is none of Python's
     (module, folder), count = run, 0
@@ -199,9 +199,9 @@ def _attended(run: tuple[str, Path], told: _Told, watch: Watch, deadline: float)
         while True:
             code = process.poll()  # before reading: what it said at its end is then read too
             for line in iter(lambda: next(lines), ""):
-                told.hear(line)
+                reports.hear(line)
                 count += 1
-                if watch(_progress(told, count)):
+                if watch(_progress(reports, count)):
                     return "interrupted"
             if code is not None:
                 return "" if code == 0 else f"it died with {_how(code)}"
@@ -210,15 +210,15 @@ def _attended(run: tuple[str, Path], told: _Told, watch: Watch, deadline: float)
             time.sleep(_PAUSE)
 
 
-def _progress(told: _Told, count: int) -> Progress:
-    if told.best is None:
-        return Progress(told.name, count, math.nan, math.nan)
+def _progress(reports: _Reports, count: int) -> Progress:
+    if reports.best is None:
+        return Progress(reports.name, count, math.nan, math.nan)
     return Progress(
-        told.name,
+        reports.name,
         count,
-        told.best.point.objective,
-        told.best.violation,
-        best=told.best.point.objective,
+        reports.best.point.objective,
+        reports.best.violation,
+        best=reports.best.point.objective,
     )
 
 
@@ -266,36 +266,42 @@ def _how(code: int) -> str:
     return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
 
 
-def _outcome(told: _Told, guess: NLPPoint, ended: str, seconds: float) -> Outcome:
-    bound = told.bound if math.isfinite(told.bound) else math.nan
-    if told.best is not None and bound > told.best.point.objective + FEASIBLE * max(
+def _outcome(reports: _Reports, guess: NLPPoint, ended: str, seconds: float) -> Outcome:
+    bound = reports.bound if math.isfinite(reports.bound) else math.nan
+    if reports.best is not None and bound > reports.best.point.objective + FEASIBLE * max(
         1.0, abs(bound)
     ):
-        told.refused.append(f"its bound {bound:.9g} lies above the objective of a feasible point")
+        reports.refused.append(
+            f"its bound {bound:.9g} lies above the objective of a feasible point"
+        )
         bound = math.nan
-    stop = _stop(told, ended)
+    stop = _stop(reports, ended)
     said = (
-        "finished" if told.status == "optimal" else told.status
+        "finished" if reports.status == "optimal" else reports.status
     )  # what that proves is its bound, nothing else
-    status = told.error or ended or said or "it ended without a word"
-    best = told.best or Outcome(point=replace(guess, objective=math.nan))
-    refused = f" (not believed: {told.refused[-1]})" if told.refused else ""
-    lacking = "" if told.best else LACKING
+    status = reports.error or ended or said or "it ended without a word"
+    best = reports.best or Outcome(point=replace(guess, objective=math.nan))
+    refused = f" (not believed: {reports.refused[-1]})" if reports.refused else ""
+    lacking = "" if reports.best else LACKING
     point = replace(
         best.point,
         stop=stop,
-        message=f"{told.name}: {status}{refused}{lacking}",
+        message=f"{reports.name}: {status}{refused}{lacking}",
         seconds={"solve": seconds},
-        iterations=told.nodes,
+        iterations=reports.nodes,
     )
-    return replace(best, point=point, bound=bound, nodes=told.nodes)
+    return replace(best, point=point, bound=bound, nodes=reports.nodes)
 
 
-def _stop(told: _Told, ended: str) -> Stop:
+def _stop(reports: _Reports, ended: str) -> Stop:
     if ended == "interrupted":
         return Stop.INTERRUPTED
-    if told.best is not None:
-        return Stop.SOLVED if told.status == "optimal" and not (ended or told.error) else Stop.LIMIT
-    if told.status == "infeasible" and not (ended or told.error):
+    if reports.best is not None:
+        return (
+            Stop.SOLVED
+            if reports.status == "optimal" and not (ended or reports.error)
+            else Stop.LIMIT
+        )
+    if reports.status == "infeasible" and not (ended or reports.error):
         return Stop.INFEASIBLE
-    return Stop.LIMIT if told.status == "limit" or "time limit" in ended else Stop.FAILED
+    return Stop.LIMIT if reports.status == "limit" or "time limit" in ended else Stop.FAILED

@@ -241,15 +241,15 @@ def _frontier(
     return Frontier(rows, trials.words, every and not trials.interrupted, trials.interrupted)
 
 
-def distinct_rows(found: Frontier) -> list[Solution]:
+def distinct_rows(frontier: Frontier) -> list[Solution]:
     """Return the rows of a frontier that are better than the ones before."""
-    rows = [row for row in found.rows if row is not None]
+    rows = [row for row in frontier.rows if row is not None]
     return [row for k, row in enumerate(rows) if k == 0 or row is not rows[k - 1]]
 
 
 def limit_switches(
     problem: Problem,
-    found: Solution,
+    solution: Solution,
     at_most: int,
     watch: Watch = silent,
     backend: Backend | None = None,
@@ -263,21 +263,23 @@ def limit_switches(
     if (
         at_most < 1
         or seconds_left() <= 0.0
-        or found.extremal
-        or not found.stop.ok
-        or not found.structure
-        or not chattering(problem, found)
+        or solution.extremal
+        or not solution.stop.ok
+        or not solution.structure
+        or not chattering(problem, solution)
     ):
-        return found
+        return solution
     trials = _Trials(problem, at_most, 0.0, along_words(backend), watch, width=1)
-    seen = _frontier(trials, arc_modes(problem), found, every=False)
+    seen = _frontier(trials, arc_modes(problem), solution, every=False)
     rows = distinct_rows(seen)
     if seen.interrupted:
-        return replace(found, stop=Stop.INTERRUPTED)
-    worse = bool(rows) and rows[-1].objective > found.objective + _BETTER * abs(found.objective)
-    if not rows or (worse and len(found.switches) <= at_most):
-        return found
-    return replace(rows[-1].after(found), message=f"{found.message}; {summary(rows)}")
+        return replace(solution, stop=Stop.INTERRUPTED)
+    worse = bool(rows) and rows[-1].objective > solution.objective + _BETTER * abs(
+        solution.objective
+    )
+    if not rows or (worse and len(solution.switches) <= at_most):
+        return solution
+    return replace(rows[-1].after(solution), message=f"{solution.message}; {summary(rows)}")
 
 
 def _everything(trials: _Trials, modes: Sequence[Modes], start: Solution) -> None:

@@ -115,9 +115,9 @@ def box_around(points: np.ndarray, *, spatial: bool) -> np.ndarray:
     return np.column_stack([middle - half, middle + half])
 
 
-def _flowing(problem: Problem, solution: Solution, scene: Scene, found: Picture) -> Picture:
+def _flowing(problem: Problem, solution: Solution, scene: Scene, picture: Picture) -> Picture:
     """Return a picture with its current on a grid that is about square."""
-    (left, right), (low, high) = found.box
+    (left, right), (low, high) = picture.box
     step = float(np.sqrt((right - left) * (high - low) / _ARROWS))
     across, up = (np.arange(a + step / 2, b, step) for a, b in ((left, right), (low, high)))
     points = np.array([each.ravel() for each in np.meshgrid(across, up)])
@@ -125,7 +125,7 @@ def _flowing(problem: Problem, solution: Solution, scene: Scene, found: Picture)
     for symbol, row in zip(scene.plane, points, strict=True):
         x[problem.state_names.index(symbol.name())] = row
     t = np.full(points.shape[1], solution.initial_time)
-    return replace(found, flow=(points, _values(problem, solution, list(scene.flow or ()), t, x)))
+    return replace(picture, flow=(points, _values(problem, solution, list(scene.flow or ()), t, x)))
 
 
 def _marks(problem: Problem, solution: Solution, scene: Scene) -> Iterator[Mark]:

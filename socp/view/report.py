@@ -282,23 +282,27 @@ def _stop(solution: "Solution") -> Row:
     return Row("stop", (stop, _line(solution.message)) if solution.message else (stop,))
 
 
-def _reintegrated(found: "Feasibility") -> Line:
+def _reintegrated(feasibility: "Feasibility") -> Line:
     """Return what one re-integration found; every figure is relative to the problem's own
     magnitudes.
     """
-    how = "laws as feedback" if found.feedback else "control over time"
-    if found.error:
-        return ((f"{how}: ", Tone.PLAIN), (found.error, Tone.BAD))
-    parts = [f"end missed by {small(found.miss)}" + (f" at {found.miss_at}" if found.miss else "")]
-    if found.path_at:
+    how = "laws as feedback" if feasibility.feedback else "control over time"
+    if feasibility.error:
+        return ((f"{how}: ", Tone.PLAIN), (feasibility.error, Tone.BAD))
+    parts = [
+        f"end missed by {small(feasibility.miss)}"
+        + (f" at {feasibility.miss_at}" if feasibility.miss else "")
+    ]
+    if feasibility.path_at:
         parts.append(
-            f"path violated by {small(found.path)}" + (f" at {found.path_at}" if found.path else "")
+            f"path violated by {small(feasibility.path)}"
+            + (f" at {feasibility.path_at}" if feasibility.path else "")
         )
-    if found.box:
-        parts.append(f"box violated by {small(found.box)}")
-    parts.append(f"states off by {small(found.drift)}")
-    if found.gap > EXTREMAL:
-        parts.append(f"objective {found.objective:.6g}")
+    if feasibility.box:
+        parts.append(f"box violated by {small(feasibility.box)}")
+    parts.append(f"states off by {small(feasibility.drift)}")
+    if feasibility.gap > EXTREMAL:
+        parts.append(f"objective {feasibility.objective:.6g}")
     return _line(f"{how}: {', '.join(parts)}")
 
 
@@ -347,12 +351,12 @@ def _same_word(problem: "Problem", solution: "Solution") -> bool | None:
     )
 
 
-def _reference(found: dict[str, Any] | None) -> list[str]:
-    if found is None:
+def _reference(comparison: dict[str, Any] | None) -> list[str]:
+    if comparison is None:
         return []
-    parts = [f"objective {signed_error(found['error'])} from {found['objective']:.12g}"]
-    if found["switches"] is not None:
-        parts.append(f"switching times within {small(found['switches'])}")
-    if found["word"] is not None:
-        parts.append("the same word" if found["word"] else "another word")
+    parts = [f"objective {signed_error(comparison['error'])} from {comparison['objective']:.12g}"]
+    if comparison["switches"] is not None:
+        parts.append(f"switching times within {small(comparison['switches'])}")
+    if comparison["word"] is not None:
+        parts.append("the same word" if comparison["word"] else "another word")
     return [", ".join(parts)]

@@ -17,6 +17,7 @@ from typing import Any
 import casadi
 import numpy as np
 import pytest
+from carts import FILE
 from casadi import DM, MX, SX, fabs, floor, fmax, fmin, if_else, sin, sqrt
 
 from socp import Problem, Reference, controls, final_time, initial, parameters, states, time
@@ -439,15 +440,6 @@ def test_a_linear_solver_that_ends_the_process_is_refused_by_name() -> None:
 
 # -- the command line
 
-CART = """from socp import Problem, controls, final_time, states
-
-x, v = states("x v")
-u = controls("u")
-problem = Problem(
-    name="cart", minimise=final_time, dynamics={x: v, v: u}, bounds={u: (-1, 1)},
-    start={x: 0, v: 0}, end={x: 1, v: 0},
-)
-"""
 CLASS = "class E(Exception):\n    def __str__(self): {}\nraise E()\n"
 FILES: dict[str, tuple[str | bytes, int, str]] = {
     "GeneratorExit": ("raise GeneratorExit", 3, "line 1: GeneratorExit"),
@@ -497,11 +489,11 @@ FILES: dict[str, tuple[str | bytes, int, str]] = {
         "'problem' is a list, not a Problem; assign one: problem = Problem(...)",
     ),
     "list of problems": (
-        CART + "problem = [problem]",
+        FILE + "problem = [problem]",
         3,
         "give each a name of its own, such as first = ...",
     ),
-    "dict of problems": (CART + "problem = {1: problem}", 3, "give each a name of its own"),
+    "dict of problems": (FILE + "problem = {1: problem}", 3, "give each a name of its own"),
     "function": (
         "def problem(): pass",
         3,
@@ -509,27 +501,27 @@ FILES: dict[str, tuple[str | bytes, int, str]] = {
     ),
     "class": ("from socp import Problem as problem", 3, "'problem' is a type, not a Problem"),
     "none": ("problem = None", 3, "'problem' is a NoneType, not a Problem"),
-    "another name": (CART.replace("problem =", "mine ="), 3, "(it has mine); write"),
+    "another name": (FILE.replace("problem =", "mine ="), 3, "(it has mine); write"),
     "beside another": (
-        CART.replace("problem =", "mine =") + "problem = 3",
+        FILE.replace("problem =", "mine =") + "problem = 3",
         3,
         "'problem' is an int, not a Problem; write",
     ),
-    "deleted": (CART + "del problem", 3, "defines no 'problem'"),
+    "deleted": (FILE + "del problem", 3, "defines no 'problem'"),
     "truth": (
-        CART.replace("v: u}", "v: u if x > 0 else -u}"),
+        FILE.replace("v: u}", "v: u if x > 0 else -u}"),
         3,
         "write casadi's if_else(x > 0, a, b)",
     ),
-    "max": (CART.replace("v: u}", "v: u + max(x, 0)}"), 3, "fmax(a, b)"),
-    "chain": (CART.replace("end=", "path={'a': 0 <= x <= 2}, end="), 3, "or two relations"),
+    "max": (FILE.replace("v: u}", "v: u + max(x, 0)}"), 3, "fmax(a, b)"),
+    "chain": (FILE.replace("end=", "path={'a': 0 <= x <= 2}, end="), 3, "or two relations"),
     "delay": (
-        CART.replace("v: u}", "v: u + x(-1)}"),
+        FILE.replace("v: u}", "v: u + x(-1)}"),
         3,
         "a delay, x(time - 1), cannot be expressed",
     ),
     "MX": (
-        CART.replace("v: u}", "v: u + __import__('casadi').MX.sym('m')}"),
+        FILE.replace("v: u}", "v: u + __import__('casadi').MX.sym('m')}"),
         3,
         "which are casadi.SX, not MX",
     ),
@@ -544,12 +536,12 @@ FILES: dict[str, tuple[str | bytes, int, str]] = {
         "every part has a name: Problem(name=...,",
     ),
     "no bounds": (
-        CART.replace(", bounds={u: (-1, 1)}", ""),
+        FILE.replace(", bounds={u: (-1, 1)}", ""),
         3,
         "bounds={u: (lower, upper)} names the controls",
     ),
     "square": (
-        CART.replace("v: u}", "v: u**2}"),
+        FILE.replace("v: u}", "v: u**2}"),
         3,
         "dynamics of 'v' is not affine in control 'u'; a control in a power",
     ),
@@ -560,7 +552,7 @@ FILES: dict[str, tuple[str | bytes, int, str]] = {
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Stand in an empty directory with the file cart.py."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "cart.py").write_text(CART)
+    (tmp_path / "cart.py").write_text(FILE)
     yield tmp_path
     assert Path.cwd() == tmp_path
 
@@ -713,7 +705,7 @@ sys.stdout = sys.stderr = None
 sys.path.clear()
 sys.modules.pop(__name__)
 """
-    (here / "spoilt.py").write_text(CART + spoilt)
+    (here / "spoilt.py").write_text(FILE + spoilt)
     assert (
         main(["solve", "spoilt.py", "-m", "euler-ipopt", "-o", "steps=10", "--json", "--quiet"])
         == 0
@@ -742,7 +734,7 @@ def test_a_check_of_an_unknown_problem_says_how_to_name_its_file(
 def test_a_failed_run_shows_the_horizon_that_is_fixed(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (here / "far.py").write_text(CART.replace("x: 1, v: 0}", "x: 100, v: 0}, final_time=7"))
+    (here / "far.py").write_text(FILE.replace("x: 1, v: 0}", "x: 100, v: 0}, final_time=7"))
     assert main(["solve", "far.py", "-m", "euler-ipopt", "-o", "steps=20", "--quiet"]) == 1
     out = capsys.readouterr().out
     for text in (
@@ -764,7 +756,7 @@ def test_a_long_formula_is_cut_unless_all_is_asked_for(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     long = "+".join(f"0.{n}*x**{n}" for n in range(11, 200))
-    (here / "long.py").write_text(CART.replace("v: u}", f"v: u, **{{states('z'): {long}}}}}"))
+    (here / "long.py").write_text(FILE.replace("v: u}", f"v: u, **{{states('z'): {long}}}}}"))
     assert main(["describe", "long.py"]) == 0
     out = capsys.readouterr().out
     assert "characters; --full shows all)" in out

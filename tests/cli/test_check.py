@@ -4,28 +4,15 @@ import json
 from pathlib import Path
 
 import pytest
+from carts import FILE
 
 from socp.cli import main
-
-PROBLEM = """from socp import Problem, controls, final_time, states
-
-x, v = states("x v")
-u = controls("u")
-problem = Problem(
-    name="cart",
-    minimise=final_time,
-    dynamics={x: v, v: u},
-    bounds={u: (-1, 1)},
-    start={x: 0, v: 0},
-    end={x: 1, v: 0},
-)
-"""
 
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("cart.py").write_text(PROBLEM)
+    Path("cart.py").write_text(FILE)
 
 
 def test_a_certified_result_is_exit_0(capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,15 +2,16 @@
 
 import contextlib
 import json
+import shlex
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi
 import pytest
+from carts import FILE, Command, Said
 from conftest import PLUGIN, Install
 
 from socp import controls, states
@@ -26,30 +27,6 @@ from socp.view.statement import formula, number
 
 AUV = str(Path(__file__).parents[2] / "problems" / "auv.py")
 HEAVY = ("casadi", "pyomo", "cvxpy", "rerun", "matplotlib")
-PROBLEM = """from socp import Problem, controls, final_time, states
-
-x, v = states("x v")
-u = controls("u")
-problem = Problem(
-    name="cart",
-    minimise=final_time,
-    dynamics={x: v, v: u},
-    bounds={u: (-1, 1)},
-    start={x: 0, v: 0},
-    end={x: 1, v: 0},
-)
-"""
-
-
-class Said(NamedTuple):
-    """What a command wrote and returned."""
-
-    code: int
-    out: str
-    err: str
-
-
-Command = Callable[..., Said]
 
 
 @pytest.fixture
@@ -59,7 +36,7 @@ def socp(
     """Run the command line in this process, in an empty directory with the file cart.py."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("SOCP_PLUGINS", raising=False)
-    Path("cart.py").write_text(PROBLEM)
+    Path("cart.py").write_text(FILE)
 
     def run(*arguments: str) -> Said:
         code = main(arguments)
@@ -129,7 +106,7 @@ def test_strict_takes_an_extremal_alone(socp: Command) -> None:
 
 
 def test_solve_takes_a_guess_an_output_and_a_name_in_a_file(socp: Command) -> None:
-    Path("two.py").write_text(PROBLEM.replace("problem = ", "other = "))
+    Path("two.py").write_text(FILE.replace("problem = ", "other = "))
     assert (
         socp(
             "solve", "two.py:other", "-m", "euler-ipopt", "-o", "steps=20", "--out", "first.json"
@@ -193,12 +170,12 @@ FILES = {
         "raises.py, line 3: ZeroDivisionError: division by zero\n  3 | foo = 1 / 0",
     ),
     "affine.py": (
-        PROBLEM.replace("v: u}", "v: u**2}"),
+        FILE.replace("v: u}", "v: u**2}"),
         "affine.py, line 5: problem 'cart': dynamics of 'v' is not affine",
     ),
     "none.py": ("a = 3\n", "none.py: defines no 'problem'; assign one: problem = Problem(...)"),
     "other.py": (
-        PROBLEM.replace("problem = ", "mine = "),
+        FILE.replace("problem = ", "mine = "),
         "other.py: defines no 'problem' (it has mine); write other.py:mine",
     ),
     "int.py": ("problem = 3\n", "int.py: 'problem' is an int, not a Problem"),
@@ -231,105 +208,79 @@ def test_a_bad_problem_file_is_one_message_with_its_line(socp: Command, name: st
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "message"),
+    ("words", "code", "message"),
     [
-        (["solve", "carts.py"], 3, "carts.py: No such file or directory; did you mean 'cart.py'?"),
-        (["solve", "no/such"], 3, "no/such: No such file or directory"),
-        (["solve", "."], 3, ". is a directory; give a problem file inside it"),
-        (["solve", "avu"], 3, "unknown problem 'avu'; did you mean 'auv'?"),
-        (["solve", "cart.py:probelm"], 3, "cart.py: defines no 'probelm'; did you mean 'problem'?"),
+        ("solve carts.py", 3, "carts.py: No such file or directory; did you mean 'cart.py'?"),
+        ("solve no/such", 3, "no/such: No such file or directory"),
+        ("solve .", 3, ". is a directory; give a problem file inside it"),
+        ("solve avu", 3, "unknown problem 'avu'; did you mean 'auv'?"),
+        ("solve cart.py:probelm", 3, "cart.py: defines no 'probelm'; did you mean 'problem'?"),
+        ("solve cart.py -m euler", 2, "unknown method 'euler'; did you mean 'euler-ipopt'?"),
         (
-            ["solve", "cart.py", "-m", "euler"],
-            2,
-            "unknown method 'euler'; did you mean 'euler-ipopt'?",
-        ),
-        (
-            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "stpes=3"],
+            "solve cart.py -m euler-ipopt -o stpes=3",
             2,
             "euler-ipopt has no option 'stpes'; did you mean 'steps'?",
         ),
         (
-            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=abc"],
+            "solve cart.py -m euler-ipopt -o steps=abc",
             2,
             "euler-ipopt: steps='abc', but it should be a whole number",
         ),
         (
-            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=1.5"],
+            "solve cart.py -m euler-ipopt -o steps=1.5",
             2,
             "euler-ipopt: steps='1.5', but it should be a whole number",
         ),
         (
-            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=0"],
+            "solve cart.py -m euler-ipopt -o steps=0",
             2,
             "euler-ipopt: steps=0, but it must be at least 1",
         ),
         (
-            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps"],
+            "solve cart.py -m euler-ipopt -o steps",
             2,
             "-o steps: write KEY=VALUE, such as -o steps=400",
         ),
         (
-            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "backend=3"],
+            "solve cart.py -m euler-ipopt -o backend=3",
             2,
             "euler-ipopt: backend: no backend '3'; there are ipopt, uno",
         ),
         (
-            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "ipopt.tolll=3"],
+            "solve cart.py -m euler-ipopt -o ipopt.tolll=3",
             2,
             "ipopt has no option 'tolll'; did you mean 'tol'?",
         ),
         (
-            ["solve", "cart.py", "-m", "euler-ipopt", "-o", "ipop.tol=3"],
+            "solve cart.py -m euler-ipopt -o ipop.tol=3",
             2,
             "euler-ipopt has no backend 'ipop'; did you mean 'ipopt'?",
         ),
+        ("solve cart.py --out no/x.json", 2, "--out no/x.json: there is no directory no"),
+        ("solve cart.py --out .", 2, "--out .: is a directory; name a file in it"),
+        ("solve cart.py --guess no.json", 2, "--guess no.json: No such file or directory"),
+        ("solve cart.py --guess cart.py", 2, "--guess cart.py: not a socp result"),
+        ("solve cart.py -m lgr-multiphase -o 'word=+ ?'", 2, "word: '?' is no kind of arc"),
+        ("solve", 2, "Missing argument 'FILE_OR_NAME'."),
+        ("slove", 2, "No such command 'slove'."),
+        ("compare cart.py", 2, "Missing option '-m'"),
+        ("compare cart.py -m lgr -o steps=3", 2, "no method here has an option 'steps'"),
         (
-            ["solve", "cart.py", "--out", "no/x.json"],
-            2,
-            "--out no/x.json: there is no directory no",
-        ),
-        (["solve", "cart.py", "--out", "."], 2, "--out .: is a directory; name a file in it"),
-        (
-            ["solve", "cart.py", "--guess", "no.json"],
-            2,
-            "--guess no.json: No such file or directory",
-        ),
-        (["solve", "cart.py", "--guess", "cart.py"], 2, "--guess cart.py: not a socp result"),
-        (
-            ["solve", "cart.py", "-m", "lgr-multiphase", "-o", "word=+ ?"],
-            2,
-            "word: '?' is no kind of arc",
-        ),
-        (["solve"], 2, "Missing argument 'FILE_OR_NAME'."),
-        (["slove"], 2, "No such command 'slove'."),
-        (["compare", "cart.py"], 2, "Missing option '-m'"),
-        (
-            ["compare", "cart.py", "-m", "lgr", "-o", "steps=3"],
-            2,
-            "no method here has an option 'steps'",
-        ),
-        (
-            ["describe", "eulr-ipopt"],
+            "describe eulr-ipopt",
             2,
             "no method or problem 'eulr-ipopt'; did you mean 'euler-ipopt'?",
         ),
-        (["describe", "x.py"], 3, "x.py: No such file or directory"),
+        ("describe x.py", 3, "x.py: No such file or directory"),
+        ("--no-plugin mbocc methods", 2, "--no-plugin mbocc: no such plugin; did you mean 'mboc'?"),
         (
-            ["--no-plugin", "mbocc", "methods"],
-            2,
-            "--no-plugin mbocc: no such plugin; did you mean 'mboc'?",
-        ),
-        (
-            ["--no-plugin", "mboc", "solve", "cart.py", "-m", "mboc"],
+            "--no-plugin mboc solve cart.py -m mboc",
             2,
             "method 'mboc': plugin 'mboc' is off: left out by",
         ),
     ],
 )
-def test_a_refusal_is_one_message(
-    socp: Command, arguments: list[str], code: int, message: str
-) -> None:
-    said = socp(*arguments)
+def test_a_refusal_is_one_message(socp: Command, words: str, code: int, message: str) -> None:
+    said = socp(*shlex.split(words))
     assert said.err.startswith(f"error: {message}")
     assert "Traceback" not in said.err
     assert said.code == code

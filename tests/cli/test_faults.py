@@ -18,20 +18,20 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from itertools import count
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
+from carts import FILE, Command, Said, cart, u
 from conftest import PLUGIN, Install
 
-from socp import Method, Problem, Solution, controls, default_guess, run, single_phase, states
+from socp import Method, Problem, Solution, default_guess, run, single_phase
 from socp.cli import main
 from socp.cli.keeping import keep
 from socp.cli.locking import locked
 from socp.errors import ContractError
 from socp.model.data.files import load, save, to_json
 from socp.model.solution import Stop
-from socp.model.symbols import final_time
 from socp.process import interruption
 from socp.registry.loading import load_file
 from socp.registry.plugins import Registry
@@ -45,16 +45,6 @@ from socp.transcription.mesh import uniform
 from socp.transcription.schemes import euler
 from socp.verdict.certify import judge
 
-CART = """\
-from socp import Problem, controls, final_time, states
-
-x, v = states("x v")
-u = controls("u")
-problem = Problem(
-    name="cart", minimise=final_time, dynamics={x: v, v: u}, bounds={u: (-1, 1)},
-    start={x: 0, v: 0}, end={x: 1, v: 0},
-)
-"""
 QUICK = ("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10")
 HOOK = "from socp import hookimpl\n\n@hookimpl\n"
 NAMES = (
@@ -70,29 +60,6 @@ NAMES = (
     "ctypes",
 )
 SIGNALS = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
-x, v = states("x v")
-u = controls("u")
-
-
-def cart(**changed: object) -> Problem:
-    given = {
-        "name": "cart",
-        "minimise": final_time,
-        "dynamics": {x: v, v: u},
-        "bounds": {u: (-1, 1)},
-        "start": {x: 0, v: 0},
-        "end": {x: 1, v: 0},
-    }
-    return Problem(**{**given, **changed})
-
-
-class Said(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-Command = Callable[..., Said]
 
 
 @pytest.fixture
@@ -106,7 +73,7 @@ def command(
     folder.mkdir()
     monkeypatch.chdir(folder)
     monkeypatch.delenv("SOCP_PLUGINS", raising=False)
-    Path("cart.py").write_text(CART)
+    Path("cart.py").write_text(FILE)
 
     def go(*arguments: str) -> Said:
         before = [signal.getsignal(each) for each in interruption.ASKING]
@@ -154,7 +121,7 @@ SOLVING = {
     "at the first iteration": (ITERATING, 1, "INTERRUPTED"),
     "at a later iteration": (ITERATING, 3, "INTERRUPTED"),
     "while it is judged": ("socp.methods.chain:judge", 1, "unverified"),
-    "while the result is written": ("socp.model.solution:Solution.save", 1, "SOLVED"),
+    "while the result is written": ("socp.model:save", 1, "SOLVED"),
     "while it is reported": ("socp.cli.commands.solving:_show", 1, "SOLVED"),
 }
 
@@ -208,7 +175,7 @@ OTHERS = {
     ),
     "census, while the best is written": (
         ("census", "cart.py", "--starts", "1"),
-        "socp.model.solution:Solution.save",
+        "socp.model:save",
         1,
         "",
         True,
@@ -229,14 +196,14 @@ OTHERS = {
     ),
     "frontier, while the best is written": (
         ("frontier", "cart.py", "--max-switches", "1"),
-        "socp.model.solution:Solution.save",
+        "socp.model:save",
         1,
         "",
         True,
     ),
     "compare, at the second method": (
         ("compare", "cart.py", "-m", "euler-ipopt", "-m", "lgr", "-o", "steps=10"),
-        "socp.cli.commands.comparing:solved",
+        "socp.cli.commands.comparing:run_method",
         2,
         "the table is of 1 of 2 methods",
         False,
@@ -528,7 +495,7 @@ def test_a_start_that_cannot_be_kept_counts_all_the_same(
 
 @pytest.mark.slow
 def test_standard_output_on_a_full_disk_is_no_success(tmp_path: Path) -> None:
-    (tmp_path / "cart.py").write_text(CART)
+    (tmp_path / "cart.py").write_text(FILE)
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
             [sys.executable, "-m", "socp.cli", *QUICK],
@@ -575,7 +542,7 @@ def test_memory_that_gives_out_is_no_bug(
 
 @pytest.mark.slow
 def test_standard_output_that_is_closed_is_no_bug(tmp_path: Path) -> None:
-    (tmp_path / "cart.py").write_text(CART)
+    (tmp_path / "cart.py").write_text(FILE)
     done = subprocess.run(
         ["bash", "-c", f"exec {sys.executable} -m socp.cli {' '.join(QUICK)} >&-"],
         cwd=tmp_path,
@@ -591,7 +558,7 @@ def test_standard_output_that_is_closed_is_no_bug(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_limit_of_memory_ends_with_a_message(tmp_path: Path) -> None:
-    (tmp_path / "cart.py").write_text(CART)
+    (tmp_path / "cart.py").write_text(FILE)
     done = subprocess.run(
         ["bash", "-c", f"ulimit -v 400000; exec {sys.executable} -m socp.cli solve cart.py"],
         cwd=tmp_path,
@@ -652,7 +619,7 @@ def shadowed(folder: Path) -> None:
         (folder / f"{name}.py").write_text(f"raise SystemExit('{name}.py was imported')\n")
     (folder / "helper.py").write_text("speed = 0.5\n")
     (folder / "cart.py").write_text(
-        "import json, random, signal\n\nfrom helper import speed\n\n" + CART
+        "import json, random, signal\n\nfrom helper import speed\n\n" + FILE
     )
 
 
@@ -1077,7 +1044,7 @@ def until(condition: Callable[[], object], seconds: float) -> bool:
 def test_a_census_ends_within_seconds_with_all_its_workers(
     number: signal.Signals, tmp_path: Path
 ) -> None:
-    (tmp_path / "cart.py").write_text(CART)
+    (tmp_path / "cart.py").write_text(FILE)
     process = spawned("census", "cart.py", "--starts", "500", "-j", "2", cwd=tmp_path)
     assert until(lambda: any(tmp_path.glob("cart.census/start-*.json")), 60)
     assert len(members(process.pid)) > 2

@@ -14,11 +14,12 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi
 import numpy as np
 import pytest
+from carts import FILE, Said
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -40,15 +41,6 @@ from socp.view.figures import style
 from socp.view.recording.summary import comparison, search, summary
 
 FULL = Path("/dev/full")
-CART = """from socp import Problem, controls, final_time, states
-
-x, v = states("x v")
-u = controls("u")
-problem = Problem(
-    name="cart", minimise=final_time, dynamics={x: v, v: u}, bounds={u: (-1, 1)},
-    start={x: 0, v: 0}, end={x: 1, v: 0},
-)
-"""
 PRINTING = """import atexit, ctypes, os, sys, warnings
 print("printed")
 os.write(1, b"written\\n")
@@ -66,14 +58,6 @@ ROUGH = ("solve", "cart.py", "-m", "trapezoidal", "-o", "steps=20")
 SOLVE = ("solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=20")
 
 
-class Said(NamedTuple):
-    """What a command wrote and returned."""
-
-    code: int
-    out: str
-    err: str
-
-
 Command = Callable[..., Said]
 
 
@@ -83,7 +67,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "inner"
     folder.mkdir()
     monkeypatch.chdir(folder)
-    Path("cart.py").write_text(CART)
+    Path("cart.py").write_text(FILE)
     return folder
 
 
@@ -209,7 +193,7 @@ def test_json_beside_mixed_integer_solvers(socp: Command, solver: str) -> None:
 
 
 def test_a_problem_file_that_prints(socp: Command) -> None:
-    Path("loud.py").write_text(PRINTING + CART)
+    Path("loud.py").write_text(PRINTING + FILE)
     said = socp("solve", "loud.py", "-m", "euler-ipopt", "-o", "steps=20", "--json")
     json.loads(said.out)
     for text in ("printed", "written", "by C", "bytes", "by a child"):
@@ -236,7 +220,7 @@ _FEW = ("prints", "closes", "closes both")  # the others take as long, and find 
     "kind", [pytest.param(k, marks=[] if k in _FEW else pytest.mark.slow) for k in CLOSING]
 )
 def test_a_problem_file_cannot_take_standard_output_away(kind: str) -> None:
-    Path("own.py").write_text(f"{CLOSING[kind]}\n{CART}")
+    Path("own.py").write_text(f"{CLOSING[kind]}\n{FILE}")
     done = apart_from_here("socp solve own.py -m euler-ipopt -o steps=20 --json")
     assert json.loads(done.stdout)["problem"] == "cart"
     assert done.returncode == 0
@@ -377,7 +361,7 @@ def test_any_environment(environment: dict[str, str]) -> None:
 )
 def test_any_encoding(environment: dict[str, str]) -> None:
     Path("wide.py").write_text(
-        CART.replace('name="cart"', 'name="cart", title="Wagen f\u00fcr \u03bb \u2192 [0, 1]"')
+        FILE.replace('name="cart"', 'name="cart", title="Wagen f\u00fcr \u03bb \u2192 [0, 1]"')
     )
     done = apart_from_here("socp describe wide.py", **environment)
     assert (done.returncode, done.stderr) == (0, b"")
@@ -731,7 +715,7 @@ def test_a_long_name_is_cut() -> None:
 
 def test_a_result_names_no_file_to_run(socp: Command) -> None:
     socp(*SOLVE)
-    Path("evil.py").write_text("open('ran', 'w')\n" + CART)
+    Path("evil.py").write_text("open('ran', 'w')\n" + FILE)
     document = json.loads(Path("cart.socp.json").read_text())
     del document["statement"]  # as in results of version 0.1
     text = json.dumps(document)

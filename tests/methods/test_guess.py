@@ -5,34 +5,26 @@ magnitude.
 import math
 from typing import Any
 
+import carts
 import numpy as np
 import pytest
+from carts import u, v, x
 from socp_problems.auv import problem as auv
 
 from socp.methods.guess import default_guess, guess_along, guess_of, split
 from socp.model import Mode
 from socp.model.problem import Problem
 from socp.model.solution import Solution
-from socp.model.symbols import controls, final_time, initial_time, parameters, states, time
+from socp.model.symbols import final_time, initial_time, parameters, time
 from socp.model.word import Word
 from socp.registry.plugins import Registry
 from socp.verdict.structure import structure_of
 
-x, v = states("x v")
-u = controls("u")
 k = parameters("k")
 
 
 def cart(**changes: Any) -> Problem:
-    parts = {
-        "name": "cart",
-        "minimise": final_time,
-        "dynamics": {x: v, v: u},
-        "bounds": {u: (-1, 1)},
-        "start": {x: 0, v: 0},
-        "end": {x: 100, v: 0},
-    }
-    return Problem(**parts | changes)
+    return carts.cart(**{"end": {x: 100, v: 0}} | changes)
 
 
 def test_states_run_straight_from_start_to_end() -> None:

@@ -5,28 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from carts import cart
 
 from socp.methods.guess import guess_of
 from socp.methods.solving import kept_in_box
-from socp.model.problem import Problem
 from socp.model.solution import Solution, Stop
-from socp.model.symbols import controls, final_time, states
 
-s, v = states("place speed")
-a = controls("push")
-cart = Problem(
-    name="cart",
-    minimise=final_time,
-    dynamics={s: v, v: a},
-    bounds={a: (-1, 1)},
-    start={s: 0, v: 0},
-    end={s: 1, v: 0},
-)
+problem = cart()
 
 
 def solved(push: float, stop: Stop) -> Solution:
     t = np.linspace(0.0, 1.0, 3)
-    return replace(guess_of(cart, t, np.zeros((2, 3)), np.full((1, 3), push)), stop=stop)
+    return replace(guess_of(problem, t, np.zeros((2, 3)), np.full((1, 3), push)), stop=stop)
 
 
 def solver(first: Solution, again: Solution, asked: list[bool]) -> Callable[[bool], Solution]:
@@ -43,7 +33,7 @@ def solver(first: Solution, again: Solution, asked: list[bool]) -> Callable[[boo
 def test_one_solve_is_enough_for_a_law_in_its_box_and_for_none(push: float, stop: Stop) -> None:
     asked: list[bool] = []
     first = solved(push, stop)
-    assert kept_in_box(cart, solver(first, solved(1.0, Stop.SOLVED), asked)) is first
+    assert kept_in_box(problem, solver(first, solved(1.0, Stop.SOLVED), asked)) is first
     assert asked == [False]
 
 
@@ -53,5 +43,5 @@ def test_one_solve_is_enough_for_a_law_in_its_box_and_for_none(push: float, stop
 def test_a_law_that_leaves_its_box_is_solved_again_inside(stop: Stop, taken: bool) -> None:
     asked: list[bool] = []
     first, again = solved(2.0, Stop.SOLVED), solved(1.0, stop)
-    assert kept_in_box(cart, solver(first, again, asked)) is (again if taken else first)
+    assert kept_in_box(problem, solver(first, again, asked)) is (again if taken else first)
     assert asked == [False, True]

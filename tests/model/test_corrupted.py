@@ -13,10 +13,11 @@ import json
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import pytest
+from carts import Said
 
 from socp import run
 from socp.cli import main
@@ -49,14 +50,6 @@ def genuine(registry: Registry) -> dict[str, str]:
         assert solution.extremal
         found[name] = to_json(solution)
     return found
-
-
-class Said(NamedTuple):
-    """What `socp check` said."""
-
-    code: int
-    out: str
-    err: str
 
 
 @pytest.fixture

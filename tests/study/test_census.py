@@ -15,8 +15,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from carts import FILE, cart, u, v, x
 
-from socp import Problem, Solution, controls, states
+from socp import Problem, Solution
 from socp.cli import main
 from socp.model.arc import Arc
 from socp.model.data.files import load, to_json
@@ -30,31 +31,6 @@ from socp.study.clusters import Census, Outcome, clusters
 from socp.study.starts import motion, start
 from socp.study.store import Kept, fingerprint
 from socp.study.workers import results_of
-
-CART = """\
-from socp import Problem, controls, final_time, states
-
-x, v = states("x v")
-u = controls("u")
-problem = Problem(
-    name="cart", minimise=final_time, dynamics={x: v, v: u}, bounds={u: (-1, 1)},
-    start={x: 0, v: 0}, end={x: 1, v: 0},
-)
-"""
-x, v = states("x v")
-u = controls("u")
-
-
-def cart(**changed: object) -> Problem:
-    given = {
-        "name": "cart",
-        "minimise": final_time,
-        "dynamics": {x: v, v: u},
-        "bounds": {u: (-1, 1)},
-        "start": {x: 0, v: 0},
-        "end": {x: 1, v: 0},
-    }
-    return Problem(**{**given, **changed})
 
 
 @dataclass(frozen=True)
@@ -320,7 +296,7 @@ def test_dead_workers_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
 def socp(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Callable[..., tuple]:
-    (tmp_path / "cart.py").write_text(CART)
+    (tmp_path / "cart.py").write_text(FILE)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "160")
 
@@ -396,7 +372,7 @@ def _some_kept(folder: Path, process: subprocess.Popen[str]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("jobs", ["1", "2"])
 def test_ctrl_c_keeps_what_is_there_and_the_next_run_goes_on(tmp_path: Path, jobs: str) -> None:
-    (tmp_path / "cart.py").write_text(CART)
+    (tmp_path / "cart.py").write_text(FILE)
     process = _spawned("census", "cart.py", "--starts", "500", "-j", jobs, cwd=tmp_path)
     _some_kept(tmp_path / "cart.census", process)
     out, err = _interrupted(process)
@@ -415,7 +391,7 @@ def test_ctrl_c_keeps_what_is_there_and_the_next_run_goes_on(tmp_path: Path, job
 
 @pytest.mark.slow
 def test_killed_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
-    (tmp_path / "cart.py").write_text(CART)
+    (tmp_path / "cart.py").write_text(FILE)
     process = _spawned("census", "cart.py", "--starts", "500", "-j", "2", "--quiet", cwd=tmp_path)
     _some_kept(tmp_path / "cart.census", process)
     listed = subprocess.run(

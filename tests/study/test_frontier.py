@@ -6,16 +6,16 @@ import json
 import math
 from pathlib import Path
 
+import carts
 import pytest
 from test_refine import made, solved
 from test_refine import spelt as text
 
-from socp import Ipopt, Problem, Solution, controls, single_phase, solve_collocated, states, uniform
+from socp import Ipopt, Problem, Solution, single_phase, solve_collocated, uniform
 from socp.cli import main
 from socp.errors import MethodError
 from socp.methods.guess import default_guess
 from socp.model.data.files import load
-from socp.model.symbols import final_time
 from socp.registry.plugins import Registry
 from socp.search.neighbours import (
     arc_insertions,
@@ -36,16 +36,7 @@ from socp.study.frontier import (
 )
 from socp.transcription.schemes import euler
 
-x, v = states("x v")
-u = controls("u")
-cart = Problem(
-    name="cart",
-    minimise=final_time,
-    dynamics={x: v, v: u},
-    bounds={u: (-1, 1)},
-    start={x: 0, v: 0},
-    end={x: 1, v: 0},
-)
+cart = carts.cart()
 
 
 def rough(problem: Problem) -> Solution:

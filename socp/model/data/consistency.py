@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from socp.errors import MethodError, ProblemError
@@ -24,8 +25,8 @@ LARGEST = 1e150
 
 
 def document(text: str) -> dict[str, Any]:
-    """Return the document of a result file's text, all of it checked; ProblemError names the field
-    that is wrong.
+    """Return the document of a result file's text, all of it checked, with the fields that older
+    files lack; ProblemError names the field that is wrong.
     """
     found = _strict(text)
     if not isinstance(found, dict):
@@ -47,7 +48,8 @@ def document(text: str) -> dict[str, Any]:
     _structure(result)
     if result.statement is not None:
         check_constraints(result, stated.constraint_names(result.statement))
-    return found
+    filled: dict[str, Any] = msgspec.to_builtins(result)
+    return filled
 
 
 def check_names(result: Any, names: Mapping[str, Sequence[str]]) -> None:

@@ -5,14 +5,17 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Annotated, Any, get_args, get_origin
 
+import msgspec
 import numpy as np
 
 from socp.errors import ProblemError, SolveError
 from socp.model.arc import Arc
 from socp.model.data import consistency
-from socp.model.data.stated import number, quotation
+from socp.model.data.schema import Result
+from socp.model.data.stated import Number, number, quotation
 from socp.model.findings import (
     Agreement,
     Condition,
@@ -69,8 +72,18 @@ def from_json(text: str) -> Solution:
         stop = _stop(document["stop"])
     except ProblemError as error:
         raise SolveError(f"not a socp result: {quotation(error)}") from error
-    as_they_are = {k: v for k, v in document.items() if k not in {"schema", *_DERIVED}}
-    return Solution(**{**as_they_are, **_fields(document), "stop": stop})
+    values = _read(document, Result)
+    places = _stretches(values["structure"])
+    records = {
+        "arcs": tuple(map(_arc, values["arcs"])),
+        "stop": stop,
+        "nodes": tuple(Node(**each) for each in values["nodes"]),
+        "agreement": values["agreement"] and Agreement(**values["agreement"]),
+        "verified": tuple(Feasibility(**each) for each in values["verified"]),
+        "verdict": values["verdict"] and _verdict(values["verdict"], places),
+    }
+    known = {f.name: values[f.name] for f in fields(Solution)}
+    return Solution(**{**known, **records})
 
 
 def _stop(name: str) -> Stop:
@@ -79,29 +92,25 @@ def _stop(name: str) -> Stop:
     return Stop[name]
 
 
-def _fields(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields that JSON does not hold as they are."""
-    return {
-        "arcs": tuple(_arc(arc) for arc in document["arcs"]),
-        "objective": number(document["objective"]),
-        "parameters": {name: number(value) for name, value in document["parameters"].items()},
-        "seconds": {name: number(value) for name, value in document["seconds"].items()},
-        "trace": {name: tuple(map(number, values)) for name, values in document["trace"].items()},
-        "meshes": tuple(tuple(map(number, mesh)) for mesh in document["meshes"]),
-        "structure": {
-            name: tuple((m, float(a), float(b)) for m, a, b in row)
-            for name, row in document["structure"].items()
-        },
-        "nodes": tuple(Node(**_numbers(each)) for each in document["nodes"]),
-        "agreement": None
-        if document["agreement"] is None
-        else Agreement(**_numbers(document["agreement"])),
-        "verified": tuple(Feasibility(**_feasibility(each)) for each in document["verified"]),
-        "verdict": None
-        if document["verdict"] is None
-        else _verdict(document["verdict"], _stretches(document["structure"])),
-        **{name: tuple(document[name]) for name in ("state_names", "control_names")},
-    }
+def _read(data: Any, kind: Any) -> Any:
+    """Return what a field of a file holds, of a kind of the schema: numbers as floats, lists as
+    tuples, records as tables.
+    """
+    origin, args, value = get_origin(kind), get_args(kind), data
+    if kind == Number:
+        value = number(data)
+    elif data is None or kind is Any:
+        pass
+    elif origin in {Annotated, UnionType}:  # a kind with its limits; a record, or none
+        value = _read(data, args[0])
+    elif origin is dict:
+        value = {name: _read(each, args[1]) for name, each in data.items()}
+    elif origin in {list, tuple}:
+        kinds = args if origin is tuple and args[-1] is not ... else [args[0]] * len(data)
+        value = tuple(map(_read, data, kinds))
+    elif isinstance(data, Mapping):
+        value = {f.name: _read(data[f.name], f.type) for f in msgspec.structs.fields(kind)}
+    return value
 
 
 def _plain(value: Any) -> Any:
@@ -125,21 +134,6 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _numbers(data: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        k: v if isinstance(v, str) and k in {"word", "stop"} else number(v) for k, v in data.items()
-    }
-
-
-def _feasibility(data: Mapping[str, Any]) -> dict[str, Any]:
-    figures = {
-        k: number(data[k])
-        for k in ("miss", "path", "box", "drift", "objective", "gap")
-        if k in data
-    }
-    return {**data, **figures, "end": tuple(number(v) for v in data["end"])}
-
-
 def _stretches(structure: Mapping[str, Any]) -> dict[str, Place]:
     """Return the stretches of every control by what they are called in words."""
     places = [
@@ -152,19 +146,16 @@ def _stretches(structure: Mapping[str, Any]) -> dict[str, Place]:
 
 def _finding(data: Mapping[str, Any], stretches: Mapping[str, Place]) -> Finding:
     """Return a finding, one of an older file by the words for it: its condition's, its place's."""
-    words, where, mode = data["condition"], data["where"], data.get("mode")
+    words = data["condition"]
     kind = next((each for each in Condition if each.value == words), Condition.OTHER)
     place = Place(
-        control=data.get("control"),
-        of=data.get("of", ""),
-        stretch=data.get("stretch"),
-        arc=data.get("arc"),
-        mode=Mode.parse(mode) if mode else None,
+        **{name: data[name] for name in ("control", "of", "stretch", "arc")},
+        mode=Mode.parse(data["mode"]) if data["mode"] else None,
     )
     return Finding(
         kind=kind,
-        residual=number(data["residual"]),
-        place=place if "kind" in data else stretches.get(where, Place(of=where)),
+        residual=data["residual"],
+        place=place if data["kind"] else stretches.get(data["where"], Place(of=data["where"])),
         t=data["t"],
         wants=Mode.parse(data["wants"]) if data["wants"] else None,
         text=words if kind is Condition.OTHER else "",
@@ -172,41 +163,19 @@ def _finding(data: Mapping[str, Any], stretches: Mapping[str, Place]) -> Finding
 
 
 def _verdict(data: Mapping[str, Any], stretches: Mapping[str, Place]) -> Verdict:
-    figures = {name: number(data[name]) for name in ("miss", "normality", "objective_error")}
-    # older files have none of these, nor `flat`
-    figures["remaining_error"] = number(data.get("remaining_error"))
-    figures["drift"] = number(data.get("drift", 0.0))
-    named = ("legendre_clebsch", "ringing")
-    tables = {name: {k: number(v) for k, v in data[name].items()} for name in named}
     findings = tuple(_finding(each, stretches) for each in data["findings"])
-    margins = {
-        stretches.get(name, Place(of=name)): number(v) for name, v in data["margins"].items()
-    }
-    errors = tuple((float(t), number(error)) for t, error in data["switch_errors"])
-    flat = tuple((float(t), number(reach)) for t, reach in data.get("flat", ()))
-    pairs = {"switch_errors": errors, "flat": flat}
-    given = {
-        **data,
-        **figures,
-        **tables,
-        **pairs,
-        "findings": findings,
-        "margins": margins,
-        "notes": tuple(data["notes"]),
-    }
-    given["chattering"] = tuple(data["chattering"])
-    return Verdict(**given)
-
-
-def _row(values: Any) -> np.ndarray:
-    return np.array([number(value) for value in values])
+    margins = {stretches.get(k, Place(of=k)): margin for k, margin in data["margins"].items()}
+    return Verdict(**{**data, "findings": findings, "margins": margins})
 
 
 def _arc(data: Mapping[str, Any]) -> Arc:
-    t = _row(data["t"])
-    matrices = {
-        k: np.array([_row(r) for r in data[k]]).reshape(-1, t.size) for k in ("x", "u", "costate")
-    }
-    multipliers = {name: _row(values) for name, values in data["multipliers"].items()}
-    mesh, modes = np.array(data["mesh"], dtype=int), tuple(map(Mode.parse, data["modes"]))
-    return Arc(t=t, mesh=mesh, side=data["side"], modes=modes, multipliers=multipliers, **matrices)
+    t, multipliers = np.array(data["t"]), data["multipliers"]
+    rows = {name: np.array(data[name]).reshape(-1, t.size) for name in ("x", "u", "costate")}
+    return Arc(
+        t=t,
+        **rows,
+        mesh=np.array(data["mesh"], dtype=int),
+        side=data["side"],
+        modes=tuple(map(Mode.parse, data["modes"])),
+        multipliers={name: np.array(values) for name, values in multipliers.items()},
+    )

@@ -8,6 +8,8 @@ from socp.model.data.stated import Name, Number, Record
 
 _COUNT = 2**63 - 1  # what a machine's integer holds
 
+# null where there is none, as of a condition that is of no time, and not for nan
+Known = Annotated[Number, msgspec.Meta(description="a number, if any")]
 Row = list[Number]
 Matrix = list[Row]
 Count = Annotated[int, msgspec.Meta(ge=0, le=_COUNT)]
@@ -59,7 +61,7 @@ class Finding(Record):
     condition: str
     residual: Number
     where: str
-    t: Number
+    t: Known
     wants: str
     kind: str = ""  # older files have none, nor what follows: there it is in words alone
     control: str | None = None
@@ -74,7 +76,7 @@ class Verdict(Record):
 
     miss: Number
     findings: list[Finding]
-    distance: Number
+    distance: Known
     normality: Number
     legendre_clebsch: dict[str, Number]
     margins: dict[str, Number]

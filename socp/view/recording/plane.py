@@ -53,16 +53,16 @@ def together(pictures: Sequence[Picture]) -> Picture:
     return replace(pictures[0], path=np.hstack([each.path for each in pictures]))
 
 
-def ground(seen: Picture, plan: str) -> Iterator[Item]:
+def ground(picture: Picture, plan: str) -> Iterator[Item]:
     """Yield what stays: target, current, frame."""
-    if seen.target is not None:
+    if picture.target is not None:
         angle = np.linspace(0.0, 2.0 * np.pi, 49)
-        disc = np.array(seen.target[:2]) + seen.target[2] * np.column_stack(
+        disc = np.array(picture.target[:2]) + picture.target[2] * np.column_stack(
             [np.cos(angle), np.sin(angle)]
         )
         yield Drawing(path=f"{plan}/target", kind="line", points=disc, colour=PALETTE[2])
-    if seen.flow is not None:
-        points, vectors = seen.flow
+    if picture.flow is not None:
+        points, vectors = picture.flow
         fastest = float(np.hypot(*vectors).max())
         length = (
             0.8 * float(np.diff(np.unique(points[0])).min(initial=1.0)) / fastest
@@ -77,37 +77,37 @@ def ground(seen: Picture, plan: str) -> Iterator[Item]:
             colour=_FLOW,
             size=1.0,
         )
-    yield from _frame(seen, f"{plan}/frame")
+    yield from _frame(picture, f"{plan}/frame")
 
 
-def scale(seen: Picture) -> tuple[float, float]:
+def scale(picture: Picture) -> tuple[float, float]:
     """Return the factors on both axes: a scene's own units, a phase plane on a square of side 1."""
-    width, height = seen.box[:, 1] - seen.box[:, 0]
-    return (1.0, 1.0) if seen.spatial else (1.0 / width, 1.0 / height)
+    width, height = picture.box[:, 1] - picture.box[:, 0]
+    return (1.0, 1.0) if picture.spatial else (1.0 / width, 1.0 / height)
 
 
-def window(seen: Picture, factors: tuple[float, float] | None = None) -> np.ndarray:
+def window(picture: Picture, factors: tuple[float, float] | None = None) -> np.ndarray:
     """Return the corners (2, 2) of what the view shows, in its own coordinates: y points down
     there.
     """
-    box = seen.box * np.array(factors or scale(seen))[:, None]
+    box = picture.box * np.array(factors or scale(picture))[:, None]
     across, up = (box[:, 1] - box[:, 0]) * (
-        (0.03, 0.3) if seen.stretch > STRIP else (0.12, 0.14)
+        (0.03, 0.3) if picture.stretch > STRIP else (0.12, 0.14)
     )  # for the labels
     return np.array(
         [[box[0, 0] - across, box[0, 1] + across], [-box[1, 1] - 0.4 * up, -box[1, 0] + up]]
     )
 
 
-def _labels(seen: Picture, path: str) -> Iterator[Item]:
+def _labels(picture: Picture, path: str) -> Iterator[Item]:
     """Yield the labels of the switches, moved apart where they would cover one another, each tied
     to its point.
     """
-    sizes = seen.box[:, 1] - seen.box[:, 0]
-    wide, high = sizes * ((0.09, 0.14) if seen.stretch > STRIP else (0.24, 0.075))  # of a label
+    sizes = picture.box[:, 1] - picture.box[:, 0]
+    wide, high = sizes * ((0.09, 0.14) if picture.stretch > STRIP else (0.24, 0.075))  # of a label
     taken: list[np.ndarray] = []
-    for k, mark in enumerate(seen.marks):
-        up = mark.place[1] < seen.box[1].mean()
+    for k, mark in enumerate(picture.marks):
+        up = mark.place[1] < picture.box[1].mean()
         anchor = mark.place + np.array([0.0, high if up else -0.4 * high])
         while any(abs(anchor[0] - x) < wide and abs(anchor[1] - y) < 0.99 * high for x, y in taken):
             anchor = anchor + np.array([0.0, high if up else -high])
@@ -129,31 +129,36 @@ def _labels(seen: Picture, path: str) -> Iterator[Item]:
         )
 
 
-def _moving(seen: Picture, plan: str, colour: Colour) -> Iterator[Item]:
+def _moving(picture: Picture, plan: str, colour: Colour) -> Iterator[Item]:
     """Yield who moves along the path: a point, and an arrow where there is a heading."""
     yield Drawing(
-        path=f"{plan}/now", kind="points", points=seen.path.T, colour=colour, size=4.5, at=seen.t
+        path=f"{plan}/now",
+        kind="points",
+        points=picture.path.T,
+        colour=colour,
+        size=4.5,
+        at=picture.t,
     )
-    if seen.heading is not None:
-        length = 0.06 * float((seen.box[:, 1] - seen.box[:, 0]).max())
-        ahead = length * np.column_stack([np.cos(seen.heading), np.sin(seen.heading)])
+    if picture.heading is not None:
+        length = 0.06 * float((picture.box[:, 1] - picture.box[:, 0]).max())
+        ahead = length * np.column_stack([np.cos(picture.heading), np.sin(picture.heading)])
         yield Drawing(
             path=f"{plan}/heading",
             kind="arrows",
-            points=seen.path.T,
+            points=picture.path.T,
             vectors=ahead,
             colour=colour,
             size=2.0,
-            at=seen.t,
+            at=picture.t,
         )
 
 
-def _frame(seen: Picture, path: str) -> Iterator[Item]:
+def _frame(picture: Picture, path: str) -> Iterator[Item]:
     """Yield a frame with the axes' names and ends: the plane has no numbers of its own."""
-    (left, right), (low, high) = seen.box
+    (left, right), (low, high) = picture.box
     corners = np.array([[left, low], [right, low], [right, high], [left, high], [left, low]])
     yield Drawing(path=f"{path}/box", kind="line", points=corners, colour=GREY, size=0.5)
-    across, up = seen.labels
+    across, up = picture.labels
     below, beside = low - 0.02 * (high - low), left - 0.0 * (right - left)
     places = [
         [left, below],
