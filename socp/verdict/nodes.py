@@ -12,7 +12,6 @@ import numpy as np
 from socp.model import (
     ACTIVE,
     SAME_TIME,
-    TINY,
     Arc,
     Expr,
     Problem,
@@ -25,7 +24,7 @@ from socp.model import (
     time,
 )
 from socp.transcription import lgr
-from socp.verdict.structure import constraint_values
+from socp.verdict.structure import constraint_values, nearness
 
 # collocation points an interval: order 19, so that the judge's own error stays below what it judges
 POINTS = 10
@@ -261,12 +260,11 @@ def _touches(problem: Problem, solution: Solution) -> list[float]:
         )
         for arc in solution.arcs
     ]
-    for constraint in problem.constraints:
+    for level, constraint in zip(-nearness(solution, problem), problem.constraints, strict=True):
         values = [
             constraint_values(problem, solution, constraint, t, arc.at(t))
             for t, arc in zip(grids, solution.arcs, strict=True)
         ]
-        level = -ACTIVE * max(float(np.ptp(np.concatenate(values))), TINY)
         for t, c in zip(grids, values, strict=True):
             near = c > level
             runs = np.split(np.arange(t.size), np.flatnonzero(np.diff(near.astype(int))) + 1)
