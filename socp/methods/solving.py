@@ -12,7 +12,7 @@ from socp.model import OUTSIDE, Problem, Solution, Stop, Watch, Word, scales, si
 from socp.solvers import Solver, default_backend
 from socp.transcription import (
     PhasedProblem,
-    cut_at_kinks,
+    cut_arcs,
     follow,
     lgr,
     refined_meshes,
@@ -26,6 +26,7 @@ from socp.verdict import verify
 _MISSED = 1e-9
 _WHOLE = 4  # intervals that a whole horizon starts with: few motions are smooth enough for less
 _NEAR = 10.0  # times the tolerance: an estimate as near as this is put to the test
+_CUTS = 3  # times that arcs are cut: a coarse mesh may not show what they touch
 _PASSES = 8  # meshes tried; each multiplies the intervals of an arc by up to four
 
 
@@ -67,17 +68,30 @@ class Follower:
         solution = solve_collocated(phased, meshes, self.backend, guess, watch, longer=self.longer)
         if self.intervals or not sound(problem, solution):
             return solution
-        cut = (
-            None if self.dwell else cut_at_kinks(phased, solution, self.points)
-        )  # a part of an arc may be shorter
-        if cut is not None:
-            parts, start, meshes, pieces = cut
-            found = solve_collocated(parts, meshes, self.backend, start, watch)
-            if found.stop is Stop.INTERRUPTED:
-                return replace(solution, stop=Stop.INTERRUPTED, message=found.message)
-            if sound(problem, found):
-                return rejoin(self._refined(parts, found.after(solution), watch), pieces)
-        return self._refined(phased, solution, watch)
+        if self.dwell:  # a part of an arc may be shorter
+            return self._refined(phased, solution, watch)
+        return self._cut(phased, solution, watch)
+
+    def _cut(self, phased: PhasedProblem, solution: Solution, watch: Watch) -> Solution:
+        """Solve on finer meshes with arcs cut where they have to be, as long as that shows more
+        places to cut.
+        """
+        pieces = 0
+        for _ in range(_CUTS):
+            cut = cut_arcs(phased, solution, self.points)
+            if sum(cut.pieces) <= pieces:
+                return solution
+            found = solution
+            if len(cut.phased.phases) > len(phased.phases):
+                found = solve_collocated(cut.phased, cut.meshes, self.backend, cut.solution, watch)
+                if found.stop is Stop.INTERRUPTED:
+                    return replace(solution, stop=Stop.INTERRUPTED, message=found.message)
+                found = found.after(solution)
+            if not sound(phased.of, found):
+                break
+            refined = self._refined(cut.phased, found, watch)
+            solution, pieces = rejoin(refined, cut.pieces), sum(cut.pieces)
+        return solution if pieces else self._refined(phased, solution, watch)
 
     def _refined(self, phased: PhasedProblem, solution: Solution, watch: Watch) -> Solution:
         """Solve on finer meshes until the states have converged, or the solver is not content any

@@ -74,6 +74,7 @@ from .tolerances import COMPARED as COMPARED
 from .tolerances import EXTREMAL as EXTREMAL
 from .tolerances import FEASIBLE as FEASIBLE
 from .tolerances import LAWS as LAWS
+from .tolerances import LEFT as LEFT
 from .tolerances import OUTSIDE as OUTSIDE
 from .tolerances import ROUNDED as ROUNDED
 from .tolerances import SAME_TIME as SAME_TIME

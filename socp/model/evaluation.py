@@ -11,6 +11,7 @@ from socp.model.parts import Constraint, EndCondition
 from socp.model.problem import Problem
 from socp.model.solution import Solution
 from socp.model.symbols import Expr, final_time, initial_time, time
+from socp.model.tolerances import ROUNDED
 
 Owner = TypeVar("Owner")
 Given = ParamSpec("Given")
@@ -136,14 +137,21 @@ def scales(problem: Problem, solution: Solution) -> np.ndarray:
     It serves to scale; what a solution claims is not measured by it, since a claimed state may be
     of any size.
     """
-    return sizes(problem, solution.rows("x"))
+    return sizes(problem, solution.t, solution.rows("x"), parameters_of(problem, solution))
 
 
-def sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
+def sizes(problem: Problem, t: np.ndarray, x: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Return the magnitude of every state (nx,): the largest of its bounds, its ends and its size
-    on states (nx, n).
+    on states (nx, n) at times t (n,), under parameters p (np,).
+
+    One that stays at zero, but for rounding, has the size of how far the box of the controls could
+    take it, at the rate where it begins.
     """
     given = np.vstack([problem.state_box, problem.start_box, problem.end_box])
     given = np.where(np.isfinite(given), np.abs(given), 0.0).max(axis=0)
     magnitude: np.ndarray = np.maximum(given, np.nanmax(np.abs(x), axis=1, initial=0.0))
-    return np.where(magnitude > 0, magnitude, 1.0)
+    rate = rate_function(problem)
+    ends = [np.abs(rate(x[:, 0], u, t[0], p).full().ravel()) for u in problem.box]
+    reach = np.nan_to_num(np.max(ends, axis=0) * (t[-1] - t[0]), posinf=0.0)
+    here = (magnitude > 0) & (magnitude > ROUNDED * reach)
+    return np.where(here, magnitude, np.where(reach > 0, reach, 1.0))

@@ -22,6 +22,9 @@ SAME_TIME = 1e-9
 # of a control's box: a law further out leaves the box; nearer is the solver's own tolerance, which
 # moves bounds by as much (mending, insertion, words solved without their boxes, conformance)
 OUTSIDE = 1e-6
+# of a constraint's magnitude: a direct solver with its usual tolerances leaves as much where one is
+# active
+LEFT = 1e-8
 # violation by re-integration, relative, up to which objectives are compared with one another: what
 # a converged solve leaves, and no more than six digits of the objective can be worth (comparing,
 # census, frontier)

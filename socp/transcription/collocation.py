@@ -164,11 +164,15 @@ def _dynamics(grid: _Grid, rows: _Rows) -> tuple[Expr, list[slice]]:
 
 
 def _closed(phased: PhasedProblem, first: list[int], name: str) -> np.ndarray:
-    """Return a mask (nodes,) of the closed arcs whose law keeps a state constraint."""
+    """Return a mask (nodes,) of where a state constraint is kept anyway: on the closed arcs whose
+    law keeps it, and where an arc begins at a touch.
+    """
     mask = np.zeros(first[-1] + 1, dtype=bool)
     for k, phase in enumerate(phased.phases):
         if name in phase.kept:
             mask[first[k] : first[k + 1] + 1] = True
+        if name in phase.touched:
+            mask[first[k]] = True
     return mask
 
 

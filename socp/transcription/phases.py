@@ -64,7 +64,8 @@ class Phase:
     1) of their own that are integrated along with the states: the costate, where a law needs it.
     `entry` holds expressions of x, carried, t, p that vanish where the arc begins, `exit` those
     that vanish where it ends; `kept` names the state constraints that the law itself keeps from its
-    entry on: imposed again on this arc, they would be dependent. `length` bounds the arc's length;
+    entry on, `touched` those that the entry itself keeps at zero where the arc begins: imposed
+    again, they would be dependent. `length` bounds the arc's length;
     `boxed` imposes the box on the values of the law, which a right word keeps by itself. Where
     there is a `choice`, `control` depends on its binaries too, and `modes` is what the arc is taken
     for while they are not known.
@@ -77,6 +78,7 @@ class Phase:
     entry: tuple[Expr, ...] = ()
     exit: tuple[Expr, ...] = ()
     kept: frozenset[str] = frozenset()
+    touched: frozenset[str] = frozenset()
     length: tuple[float, float] = (0.0, np.inf)
     boxed: bool = False
     carried: Expr = field(default_factory=partial(column, ()))

@@ -10,7 +10,7 @@ import numpy as np
 
 from socp.errors import MethodError
 from socp.model import ACTIVE, Problem, Solution, Verdict, Word, digits_of
-from socp.transcription import PhasedProblem, Shooting, cut_at_kinks, follow, interval_ends
+from socp.transcription import PhasedProblem, Shooting, cut_arcs, follow, interval_ends
 from socp.verdict.newton import Conditions
 
 # Of the states: steps are doubled until the motion changes by no more; rounding leaves some hundred
@@ -120,8 +120,8 @@ def _measured(conditions: Conditions, held: np.ndarray, pieces: list[int]) -> Ac
 def word_problem(
     problem: Problem, solution: Solution, points: int
 ) -> tuple[PhasedProblem, Solution, list[int]] | None:
-    """Return the phased problem of a solution's word, cut at kinks, with its solution and the
-    number of pieces an arc.
+    """Return the phased problem of a solution's word, its arcs cut where they have to be, with its
+    solution and the number of pieces an arc.
 
     None where there is no word, or an arc has no length.
     """
@@ -135,8 +135,8 @@ def word_problem(
         or min(a.t[-1] - a.t[0] for a in solution.arcs) <= 0
     ):
         return None
-    cut = cut_at_kinks(phased, solution, points)
-    return (phased, solution, [1] * len(phased.phases)) if cut is None else (cut[0], cut[1], cut[3])
+    cut = cut_arcs(phased, solution, points)
+    return cut.phased, cut.solution, cut.pieces
 
 
 def steps_of(phased: PhasedProblem, start: Solution) -> int | None:

@@ -11,7 +11,6 @@ import numpy as np
 
 from socp.model import (
     ACTIVE,
-    TINY,
     Problem,
     Solution,
     condition_function,
@@ -23,6 +22,7 @@ from socp.model import (
 )
 from socp.transcription import lgr
 from socp.verdict.nodes import POINTS, Samples, sample
+from socp.verdict.structure import nearness
 
 __all__ = ["POINTS", "Costates", "Samples", "Unknowns", "condense", "sample"]
 
@@ -203,15 +203,14 @@ def _end_values(
             yield slope, sign, f"final {name}", float(xf[i] - (low[i] if sign < 0 else high[i]))
 
 
-def unknowns_of(problem: Problem, samples: Samples, ends: Ends) -> Unknowns:
+def unknowns_of(problem: Problem, solution: Solution, samples: Samples, ends: Ends) -> Unknowns:
     """Choose the unknowns: end conditions, densities on active intervals, jumps at their ends and
     at touches.
     """
     c, width = samples.values["c"], samples.width
     blocks: list[tuple[int, int]] = []
     jumps: list[tuple[int, int]] = []
-    for j in range(len(problem.constraints)):
-        near = ACTIVE * max(float(np.ptp(c[j])), TINY)
+    for j, near in enumerate(nearness(solution, problem)):
         at = c[j].reshape(-1, width) > -near
         active = at.all(axis=1)
         blocks += [(j, int(k)) for k in np.flatnonzero(active)]

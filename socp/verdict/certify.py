@@ -46,7 +46,7 @@ def case(problem: Problem, solution: Solution) -> Case:
     """
     samples = sample(problem, solution)
     ends = Ends.of(problem, solution)
-    unknowns = unknowns_of(problem, samples, ends)
+    unknowns = unknowns_of(problem, solution, samples, ends)
     along = AdjointSystem(
         problem, solution, samples, unknowns, condense(samples, unknowns, ends.slope_final), ends
     )

@@ -27,6 +27,7 @@ from socp.model import (
 from socp.transcription import lgr
 from socp.verdict.adjoint import AdjointSystem
 from socp.verdict.nodes import POINTS, Samples
+from socp.verdict.structure import nearness
 
 _SCHEME = lgr(POINTS)
 # between the ends of its intervals collocation is of lower order than at them: a digit is granted
@@ -108,7 +109,8 @@ def _modes(along: AdjointSystem, density: np.ndarray, size: float) -> Iterator[F
         inside = samples.arc == index
         if not inside.any():
             continue
-        active = _active(samples, inside)
+        near = nearness(along.solution, problem)[:, None]
+        active = np.array((samples.values["c"][:, inside] > -near).all(axis=1))
         for i, (name, mode) in enumerate(zip(problem.control_names, arc.modes, strict=True)):
             off = 0.0
             if mode.kind in {"lower", "upper"}:
@@ -125,13 +127,6 @@ def _modes(along: AdjointSystem, density: np.ndarray, size: float) -> Iterator[F
                     place=Place(control=name, arc=index + 1, mode=mode),
                     t=float(arc.t[0]),
                 )
-
-
-def _active(samples: Samples, inside: np.ndarray) -> np.ndarray:
-    """Return a mask (nc,) of the constraints that are active at all of the chosen nodes."""
-    c = samples.values["c"]
-    near = ACTIVE * np.maximum(np.ptp(c, axis=1), TINY)
-    return np.array((c[:, inside] > -near[:, None]).all(axis=1))
 
 
 def _followed(problem: Problem, i: int, mode: Mode, active: np.ndarray) -> bool:

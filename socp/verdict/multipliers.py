@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import lstsq
 from scipy.optimize import linprog
 
-from socp.model import EXTREMAL, TINY, Condition, Finding
+from socp.model import EXTREMAL, ROUNDED, TINY, Condition, Finding
 from socp.process import output_discarded
 from socp.verdict import margins
 from socp.verdict.adjoint import AdjointSystem
@@ -44,10 +44,15 @@ class Case:
     def cost(self) -> float:
         """Magnitude of the cost in units of the Hamiltonian: running, for the time, and for the
         states at the ends.
+
+        A running cost that stays at zero, but for rounding, is measured by what it changes by when
+        every state changes by its own magnitude.
         """
         along, ends = self.along, self.along.ends
         states = float((np.abs(ends.slope_final) + np.abs(ends.slope_initial)) @ along.scale)
         running = float(np.abs(along.samples.values["L"]).max())
+        changed = float((np.abs(along.samples.values["Lx"]).T @ along.scale).max())
+        running = running if running > ROUNDED * changed else changed
         return max(running, abs(ends.slope_tf), abs(ends.slope_t0), states / along.horizon)
 
     def findings(self, z: np.ndarray) -> tuple[Finding, ...]:

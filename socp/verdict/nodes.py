@@ -12,7 +12,6 @@ import numpy as np
 from socp.model import (
     ACTIVE,
     SAME_TIME,
-    TINY,
     Arc,
     Expr,
     Problem,
@@ -25,7 +24,7 @@ from socp.model import (
     time,
 )
 from socp.transcription import lgr
-from socp.verdict.structure import constraint_values
+from socp.verdict.structure import constraint_values, nearness
 
 # collocation points an interval: order 19, so that the judge's own error stays below what it judges
 POINTS = 10
@@ -255,23 +254,24 @@ def _halved(arc: Arc) -> np.ndarray:
 def _touches(problem: Problem, solution: Solution) -> list[float]:
     """Return the times at which a state constraint that is inactive around them comes to zero."""
     found: list[float] = []
-    grids = [
-        np.linspace(arc.t[0], arc.t[-1], 20 * min(len(arc.mesh), 50) + 1) for arc in solution.arcs
+    grids = [  # an arc that was cut where it touches has a node there
+        np.union1d(
+            np.linspace(arc.t[0], arc.t[-1], 20 * min(len(arc.mesh), 50) + 1), arc.t[arc.mesh]
+        )
+        for arc in solution.arcs
     ]
-    for constraint in problem.constraints:
+    for level, constraint in zip(-nearness(solution, problem), problem.constraints, strict=True):
         values = [
             constraint_values(problem, solution, constraint, t, arc.at(t))
             for t, arc in zip(grids, solution.arcs, strict=True)
         ]
-        level = -ACTIVE * max(float(np.ptp(np.concatenate(values))), TINY)
         for t, c in zip(grids, values, strict=True):
             near = c > level
             runs = np.split(np.arange(t.size), np.flatnonzero(np.diff(near.astype(int))) + 1)
             # a parabola is within ACTIVE of its peak for 2 sqrt(ACTIVE) of its span; a boundary arc
             # stays longer
-            short = [
-                run for run in runs if near[run[0]] and run.size < 5.0 * np.sqrt(ACTIVE) * t.size
-            ]
+            longest = 5.0 * np.sqrt(ACTIVE) * (t[-1] - t[0])
+            short = [run for run in runs if near[run[0]] and np.ptp(t[run]) < longest]
             found += [
                 float(t[run[np.argmax(c[run])]])
                 for run in short

@@ -297,7 +297,7 @@ def _verify(
     with np.errstate(all="ignore"):  # what overflows on the way ends as an error of the integration
         y, error = _travel(problem, solution, pieces, log)
         motion, x = (np.array(log.t), np.array(log.x).T, np.array(log.u).T), y[:-1]
-        scale = sizes(problem, motion[1])
+        scale = sizes(problem, motion[0], motion[1], parameters_of(problem, solution))
         objective, gap = objective_of(problem, solution, motion, scale, float(y[-1]))
         miss, miss_at = end_miss(problem, solution, x, scale)
         path, path_at = path_miss(problem, p, scale, log.t, log.x)

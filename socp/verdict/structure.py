@@ -4,21 +4,27 @@ solution.
 
 from itertools import groupby, pairwise
 
+import casadi
 import numpy as np
 
 from socp import laws
 from socp.model import (
     ACTIVE,
     AT_BOUND,
+    LEFT,
     TINY,
     Arc,
     Constraint,
     Mode,
     Problem,
     Solution,
+    column,
     constraint_function,
     evaluate,
+    once,
     parameters_of,
+    scales,
+    time,
 )
 
 Stretch = tuple[str, float, float]  # (mode as a word spells it, start, end)
@@ -81,6 +87,26 @@ def constraint_values(
     return evaluate(function, x, t, p)[0].ravel()
 
 
+@once
+def nearness(solution: Solution, problem: Problem) -> np.ndarray:
+    """Return how near to zero every state constraint counts as active on a solution (nc,).
+
+    That is a share of its range, but no less than what a solver leaves of its magnitude, which is
+    how much it changes when every state changes by its own: where a solution stays on a constraint
+    its range is rounding.
+    """
+    if not problem.constraints:
+        return np.empty(0)
+    stack = column(constraint.expression for constraint in problem.constraints)
+    slopes = casadi.fabs(casadi.jacobian(stack, problem.x))
+    size = casadi.mtimes(slopes, scales(problem, solution))
+    function = casadi.Function("c", [problem.x, time, problem.p], [stack, casadi.densify(size)])
+    p = parameters_of(problem, solution)
+    values, sizes = evaluate(function, solution.rows("x"), solution.t, p)
+    share, least = ACTIVE * np.ptp(values, axis=1), LEFT * sizes.max(axis=1)
+    return np.array(np.maximum(np.maximum(share, least), TINY))
+
+
 def _read(problem: Problem, solution: Solution, arc: Arc, i: int) -> list[Stretch]:
     """Return the stretches of control i on an arc whose control was free, one label an interval,
     then merged.
@@ -129,7 +155,7 @@ def _read(problem: Problem, solution: Solution, arc: Arc, i: int) -> list[Stretc
 def _active(problem: Problem, solution: Solution, arc: Arc, constraint: Constraint) -> np.ndarray:
     """Return a mask (intervals,) of the intervals all of whose nodes lie on a state constraint."""
     values = constraint_values(problem, solution, constraint, arc.t, arc.x)
-    near = values > -ACTIVE * max(float(np.ptp(values)), TINY)
+    near = values > -nearness(solution, problem)[problem.constraints.index(constraint)]
     return np.array([bool(near[a : b + 1].all()) for a, b in pairwise(arc.mesh)])
 
 

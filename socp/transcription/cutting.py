@@ -1,0 +1,218 @@
+"""Cuts: an arc gets a joint of its own where its dynamics have a kink, and where it touches a state
+constraint.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise
+from typing import final
+
+import casadi
+import numpy as np
+from scipy.optimize import brentq
+
+from socp.model import SAME_TIME, TINY, Arc, Expr, Solution, join, parameters_of, time
+from socp.transcription.kinks import kinks
+from socp.transcription.mesh import Mesh, table, uniform
+from socp.transcription.phases import Phase, PhasedProblem
+from socp.transcription.schemes import lgr
+
+# Points looked at between two nodes of a mesh: a crossing and back within one of them does not
+# count
+_LOOKS = 8
+_SLIVER = 1e-3  # of a piece: a shorter interval beside a joint is not worth its nodes
+_CROWD = 8  # zeros of one expression in one arc at most: what has more is no kink but noise
+_ROUNDING = 1e-12  # of the largest value on an arc: what is less has no sign
+_MOST = 100  # cuts of one arc at most, of a table with as many knots
+# Of the range of a constraint's values on an arc: a solver leaves as much at a node where it is
+# active, and between the nodes beside it the constraint is violated
+_TOUCHES = 1e-6
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """A phased problem whose arcs are cut, with its solution so far, its meshes, and the number of
+    `pieces` of every arc.
+    """
+
+    phased: PhasedProblem
+    solution: Solution
+    meshes: list[Mesh]
+    pieces: list[int]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Joint:
+    """A time inside an arc, what vanishes there, and the constraints that this keeps at zero."""
+
+    t: float
+    held: tuple[Expr, ...]
+    touched: frozenset[str] = frozenset()
+
+
+def cut_arcs(phased: PhasedProblem, solution: Solution, points: int) -> Cut:
+    """Return a phased problem with arcs cut where their dynamics have a kink, or where they touch a
+    state constraint; as it is where they do neither.
+
+    Its meshes have Radau `points` an interval. A kink vanishes at its joint, a constraint that is
+    touched does so with its derivative: so the joints find their places along with the switching
+    times. Without one a touch would fall between two nodes, and the constraint be violated beside
+    them. Arcs with collocated controls or carried costates stay whole.
+    """
+    phases: list[Phase] = []
+    arcs: list[Arc] = []
+    meshes: list[Mesh] = []
+    pieces: list[int] = []
+    for phase, arc in zip(phased.phases, solution.arcs, strict=True):
+        joints = _joints(phased, phase, arc, solution)
+        parts = [
+            phase,
+            *(
+                replace(phase, entry=at.held, touched=at.touched, length=(0.0, np.inf))
+                for at in joints
+            ),
+        ]
+        phases += [*(replace(part, exit=()) for part in parts[:-1]), parts[-1]]
+        edges = [float(arc.t[0]), *(at.t for at in joints), float(arc.t[-1])]
+        for a, b in pairwise(edges):
+            meshes.append(_between(arc, (a, b), points))
+            arcs.append(_piece(arc, (a, b), meshes[-1]))
+        pieces.append(len(joints) + 1)
+    if len(arcs) == len(solution.arcs):
+        return Cut(phased, solution, meshes, pieces)
+    cut = replace(phased, phases=tuple(phases))
+    return Cut(cut, replace(solution, arcs=tuple(arcs)), meshes, pieces)
+
+
+def rejoin(solution: Solution, pieces: list[int]) -> Solution:
+    """Return a solution with so many pieces of every arc joined again."""
+    ends = list(accumulate(pieces, initial=0))
+    return replace(solution, arcs=tuple(join(solution.arcs[a:b]) for a, b in pairwise(ends)))
+
+
+def _between(arc: Arc, span: tuple[float, float], points: int) -> Mesh:
+    """Return the intervals of an arc's mesh between two times; slivers are left to their
+    neighbours.
+    """
+    corners = arc.t[arc.mesh]
+    if np.diff(corners).min() <= 4 * np.spacing(
+        np.abs(corners).max()
+    ):  # an arc that has shrunk to a point
+        return uniform(lgr(points), 1)
+    apart = _SLIVER * (span[1] - span[0])
+    inside = corners[(corners > span[0] + apart) & (corners < span[1] - apart)]
+    return [(float(share), lgr(points)) for share in np.diff([span[0], *inside, span[1]])]
+
+
+def _piece(arc: Arc, span: tuple[float, float], mesh: Mesh) -> Arc:
+    """Return the piece of an arc between two times, on a mesh of its own."""
+    on = table(mesh)
+    t = span[0] + (span[1] - span[0]) * on.tau
+    x, u, costate = arc.at(t), arc.at(t, "u"), arc.at(t, "costate")
+    return Arc(t=t, x=x, u=u, costate=costate, mesh=on.mesh, side=on.side, modes=arc.modes)
+
+
+def _joints(
+    phased: PhasedProblem, phase: Phase, arc: Arc, solution: Solution
+) -> tuple[_Joint, ...]:
+    """Return the joints inside an arc, in order."""
+    length = arc.t[-1] - arc.t[0]
+    if (
+        phase.free.numel()
+        or phase.carried.numel()
+        or length <= SAME_TIME * (solution.final_time - solution.initial_time)
+    ):
+        return ()
+    looks = _Looks(phased, phase, arc, parameters_of(phased.of, solution))
+    found = [*_crossings(looks), *_touches(looks)]
+    apart = SAME_TIME * length  # a crossing at an end of the arc is the end
+    inside = [each for each in found if arc.t[0] + apart < each.t < arc.t[-1] - apart]
+    inside.sort(key=lambda each: each.t)
+    # two kinks at one time, such as those of p and p v, need one joint
+    single = [each for k, each in enumerate(inside) if k == 0 or each.t - inside[k - 1].t > apart]
+    return tuple(single) if len(single) <= _MOST else ()
+
+
+def _crossings(looks: "_Looks") -> Iterator[_Joint]:
+    """Yield where a kink of the dynamics changes sign."""
+    found = kinks(casadi.vertcat(*looks.phase.flow(looks.phased.of)), looks.given)
+    if found.numel():
+        zeros = looks.zeros(found)
+        for i, times in enumerate(zeros):
+            yield from (_Joint(t, (found[i],)) for t, _ in times if len(times) <= _CROWD)
+
+
+def _touches(looks: "_Looks") -> Iterator[_Joint]:
+    """Yield where a state constraint that the law does not keep has a maximum of zero, or more."""
+    problem, phase = looks.phased.of, looks.phase
+    rate, _ = phase.flow(problem)
+    for constraint in problem.constraints:
+        if constraint.name in phase.kept:
+            continue
+        c = constraint.expression
+        slope = casadi.jtimes(c, problem.x, rate) + casadi.jacobian(c, time)
+        if slope.is_constant():
+            continue
+        (peaks,) = looks.zeros(slope)
+        values = looks.values(c)
+        least = -_TOUCHES * max(float(np.ptp(values(looks.times))), TINY)
+        held, touched = (c, slope), frozenset({constraint.name})
+        for t, rises in peaks if len(peaks) <= _CROWD else ():
+            if not rises and values(np.array([t]))[0, 0] >= least:
+                yield _Joint(t, held, touched)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Looks:
+    """Looks at expressions of x, t, p along an arc of a phase under parameters p (np,)."""
+
+    phased: PhasedProblem
+    phase: Phase
+    arc: Arc
+    p: np.ndarray
+
+    @property
+    def given(self) -> Expr:
+        """The symbols of what is looked at, as one column."""
+        problem = self.phased.of
+        return casadi.vertcat(problem.x, time, problem.p)
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times (n,) looked at: some between any two nodes of the mesh."""
+        ends = pairwise(self.arc.t[self.arc.mesh])
+        return np.unique(np.concatenate([np.linspace(a, b, _LOOKS + 1) for a, b in ends]))
+
+    def values(self, expression: Expr) -> Callable[[np.ndarray], np.ndarray]:
+        """Return an expression (k, 1) as a function of times (n,) that gives (k, n)."""
+        function = casadi.Function("values", [self.given], [casadi.densify(expression)])
+
+        def at(t: np.ndarray) -> np.ndarray:
+            p = np.repeat(self.p[:, None], t.size, axis=1)
+            return np.array(function.map(t.size)(np.vstack([self.arc.at(t), t[None, :], p])).full())
+
+        return at
+
+    def zeros(self, expression: Expr) -> list[list[tuple[float, bool]]]:
+        """Return for every entry of an expression (k, 1) the times at which it changes sign, and
+        whether it rises there.
+        """
+        values, times = self.values(expression), self.times
+        found: list[list[tuple[float, bool]]] = []
+        for i, row in enumerate(values(times)):
+            # a zero that falls on a point is found between its neighbours
+            known = np.flatnonzero(np.abs(row) > _ROUNDING * np.abs(row).max())
+            signs, at = row[known], times[known]
+            found.append(
+                [
+                    (
+                        float(brentq(lambda t, i=i: values(np.array([t]))[i, 0], at[k], at[k + 1])),
+                        bool(signs[k] < 0),
+                    )
+                    for k in np.flatnonzero(signs[:-1] * signs[1:] < 0.0)
+                ]
+            )
+        return found
