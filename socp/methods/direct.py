@@ -39,7 +39,7 @@ def scouts(
     """
     starting = islice(_guesses(problem, guess), starts)
     rough = (backend or default_backend()).within(_TOLERANCE).limited(_ITERATIONS)
-    return _Scouting(problem, watch).all(starting, rough)
+    return _Scouting(problem, guess, watch).all(starting, rough)
 
 
 def scouts_from_motions(
@@ -50,15 +50,15 @@ def scouts_from_motions(
     """
     starts = chain(motions(problem, guess), other_horizons(problem, guess))
     patient = (backend or default_backend()).within(_TOLERANCE).limited(_PATIENT)
-    return _Scouting(problem, watch).all(starts, patient)
+    return _Scouting(problem, guess, watch).all(starts, patient)
 
 
 @final
 class _Scouting:
     """Coarse solves from guesses, on one programme; it ends with the time allowed."""
 
-    def __init__(self, problem: Problem, watch: Watch) -> None:
-        self.reduced = collocate(single_phase(problem), [uniform(radau_iia(2), _STEPS)])
+    def __init__(self, problem: Problem, guess: Solution, watch: Watch) -> None:
+        self.reduced = collocate(single_phase(problem), [uniform(radau_iia(2), _STEPS)], guess)
         self.watch = lifting_watch(watch, self.reduced)
 
     def all(self, guesses: Iterator[Solution], backend: Backend) -> list[Solution]:
