@@ -21,7 +21,9 @@ _TOLERANCE, _ITERATIONS = 1e-6, 150  # to tell extremals apart takes no digits
 _PATIENT = 500
 # Relative: objectives of one extremal from different starts differ by rounding; of two, clearly
 _ALIKE = 1e-3
-_MET = 3  # starts that end in the best extremal known before it is believed to be the best
+# Starts that end in the best extremal known before it is believed to be the best, and no fewer than
+# in all others: where starts end in many, a better one may be among those not met yet
+_MET = 3
 
 
 def scouts(
@@ -35,7 +37,7 @@ def scouts(
     first.
 
     At most `starts` guesses are tried, none for 0; it ends once the best extremal has been met
-    three times. An interrupted solve is returned alone.
+    three times, and as often as all others. An interrupted solve is returned alone.
     """
     starting = islice(_guesses(problem, guess), starts)
     rough = (backend or default_backend()).within(_TOLERANCE).limited(_ITERATIONS)
@@ -76,7 +78,7 @@ class _Scouting:
                 return [found]
             if found.stop.ok:
                 met = count_in(met, found)
-            if met and met[0][1] >= _MET:
+            if met and met[0][1] >= max(_MET, sum(count for _, count in met[1:])):
                 break
         return [solution for solution, _ in met]
 

@@ -2,7 +2,7 @@
 its solver.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import casadi
@@ -14,9 +14,11 @@ from socp.model import (
     Expr,
     Problem,
     Solution,
+    evaluate,
     condition_slopes,
     end_values,
     objective_size,
+    parameters_of,
     time,
 )
 from socp.transcription.phases import Phase
@@ -24,13 +26,17 @@ from socp.transcription.phases import Phase
 # Of what motions reach from the start: a state that a guess hardly moves is taken for at least as
 # large. A guess may say nothing of it; motions with constant controls may take it too far
 _MOVED = 1e-2
+# What the objective counts in a programme: the barrier of an interior point method begins at 0.1,
+# which should be a small share of it
+_WEIGHT = 10.0
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scale:
     """The magnitudes of time, states (nx,), parameters (np,) and objective, and a solution near
-    which they were found, None where all are 1.
+    which they were found, None where all are 1. The objective's is such that a programme minimises
+    something of size `_WEIGHT`.
     """
 
     time: float
@@ -42,14 +48,15 @@ class Scale:
     @classmethod
     def of(cls, problem: Problem, near: Solution | None) -> "Scale":
         """Return the magnitudes of a problem near a solution or a guess; all 1 without one."""
-        nx, np_ = problem.x.numel(), problem.p.numel()
+        nx, names = problem.x.numel(), problem.parameter_names
         if near is None:
-            return cls(time=1.0, x=np.ones(nx), p=np.ones(np_), cost=1.0, near=None)
+            return cls(time=1.0, x=np.ones(nx), p=np.ones(len(names)), cost=1.0, near=None)
+        near = replace(near, parameters={name: near.parameters.get(name, 0.0) for name in names})
         return cls(
             time=near.final_time - near.initial_time,
             x=_states(problem, near),
             p=_widths(problem.parameter_box),
-            cost=objective_size(problem, near),
+            cost=objective_size(problem, near) / _WEIGHT,
             near=near,
         )
 
@@ -71,13 +78,11 @@ class Scale:
         """Return how much an expression of x, t, p changes by all magnitudes, at most, near the
         solution; 1 where nothing changes it.
         """
-        return self._change(problem, [expression])
+        return self._change(problem, expression, casadi.SX(0, 1))
 
     def joint(self, problem: Problem, phase: Phase, row: Expr) -> float:
         """Return the same of an expression of x, t, p and what a phase carries, the costate."""
-        if not casadi.depends_on(row, phase.carried):
-            return self.path(problem, row)
-        return self._change(problem, [row], phase.carried)
+        return self._change(problem, row, phase.carried)
 
     def condition(self, problem: Problem, condition: Condition) -> float:
         """Return the same of an end condition."""
@@ -87,25 +92,18 @@ class Scale:
         sizes = (self.x, self.x, self.p, np.array([self.time]), np.array([self.time]))
         return _size(sum(float(np.abs(s.full()[0]) @ z) for s, z in zip(slopes, sizes, strict=True)))
 
-    def _change(self, problem: Problem, rows: list[Expr], carried: Expr | None = None) -> float:
+    def _change(self, problem: Problem, row: Expr, carried: Expr) -> float:
         if self.near is None:
             return 1.0
-        x, t = self.near.rows("x"), self.near.t[None, :]
-        p = np.array([[self.near.parameters.get(n, 0.0)] for n in problem.parameter_names])
-        more = casadi.SX(0, 1) if carried is None else carried
-        costate = np.repeat(self.costate[:, None], t.size, axis=1)
-        given = [problem.x, time, problem.p, more]
-        sizes = [self.x, np.array([self.time]), self.p]
-        if carried is not None:
-            sizes.append(self.costate)
-        slopes = casadi.jacobian(casadi.vertcat(*rows), casadi.vertcat(*given))
-        total = casadi.mtimes(casadi.fabs(slopes), casadi.DM(np.concatenate(sizes)))
+        t, p = self.near.t, parameters_of(problem, self.near)
+        sizes = [self.x, self.costate[: carried.numel()], np.array([self.time]), self.p]
+        given = [problem.x, carried, time, problem.p]
+        slopes = casadi.fabs(casadi.jacobian(row, casadi.vertcat(*given)))
+        total = casadi.mtimes(slopes, casadi.DM(np.concatenate(sizes)))
+        costate = np.repeat(sizes[1][:, None], t.size, axis=1)
         function = casadi.Function("change", given, [total])
-        values = function.map(t.size)(
-            x, t, np.repeat(p, t.size, axis=1).reshape(-1, t.size), costate[: more.numel()]
-        ).full()
-        finite = values[np.isfinite(values)]
-        return _size(float(finite.max(initial=0.0)))
+        values = evaluate(function, self.near.rows("x"), costate, t, p)[0]
+        return _size(float(values[np.isfinite(values)].max(initial=0.0)))
 
 
 def _states(problem: Problem, near: Solution) -> np.ndarray:
@@ -115,8 +113,10 @@ def _states(problem: Problem, near: Solution) -> np.ndarray:
     ends = np.vstack([problem.start_box, problem.end_box])
     named = np.where(np.isfinite(ends), np.abs(ends), 0.0).max(axis=0)
     own = np.abs(np.nan_to_num(near.rows("x"), posinf=0.0, neginf=0.0)).max(axis=1)
-    moved = np.abs(admissible(problem)[1 : 1 + named.size]).max(axis=1)
-    size = np.maximum(np.maximum(named, own), _MOVED * np.nan_to_num(moved, posinf=0.0))
+    moved = np.sqrt(np.mean(admissible(problem)[1 : 1 + named.size] ** 2, axis=1))
+    moved = np.where(np.isfinite(moved), moved, 0.0)
+    size = np.maximum(named, own)
+    size = np.where(size > 0, np.maximum(size, _MOVED * moved), moved)
     box = np.where(np.isfinite(problem.state_box), np.abs(problem.state_box), 0.0).max(axis=0)
     size = np.where(size > 0, size, box)
     return np.where(size > 0, size, 1.0)
