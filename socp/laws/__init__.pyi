@@ -1,12 +1,12 @@
 from .book import law_lines as law_lines
+from .conservation.dependent import completed as completed
+from .conservation.dependent import independent as independent
 from .contacts import Tie as Tie
 from .contacts import controlled_constraints as controlled_constraints
 from .contacts import name_constraints as name_constraints
 from .contacts import tangential_joints as tangential_joints
 from .drawing import guessed_ends as guessed_ends
 from .drawing import travel_time as travel_time
-from .conservation.dependent import completed as completed
-from .conservation.dependent import independent as independent
 from .given import check_laws as check_laws
 from .law import arc_law as arc_law
 from .modes import arc_modes as arc_modes

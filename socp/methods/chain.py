@@ -24,9 +24,10 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
     and judged.
 
     The method is given end conditions none of which follows from the others; the judge holds its
-    solution against all. Ctrl-C while it is judged gives the solution without a verdict. Raises MethodError for options
-    out of range and for what the method cannot try, ProblemError for a wrong user-given law and for
-    controls that have no use, ContractError for a method that returns no solution of it.
+    solution against all. Ctrl-C while it is judged gives the solution without a verdict. Raises
+    MethodError for options out of range and for what the method cannot try, ProblemError for a
+    wrong user-given law and for controls that have no use, ContractError for a method that returns
+    no solution of it.
     """
     check_options(method)
     check_controls(problem)

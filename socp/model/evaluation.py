@@ -161,9 +161,7 @@ def objective_size(problem: Problem, solution: Solution) -> float:
     x, t = solution.rows("x"), solution.t
     x = np.where(np.isfinite(x), x, 0.0)
     cost, mayer = running_function(problem), mayer_function(problem)
-    running = [
-        magnitude(partial(_running, cost, u[:, None], t, p), x, scale) for u in problem.box
-    ]
+    running = [magnitude(partial(_running, cost, u[:, None], t, p), x, scale) for u in problem.box]
     ends = solution.initial_time, solution.final_time
     last = magnitude(lambda xf: mayer(xf, x[:, 0], p, *ends).full().ravel(), x[:, -1:], scale)
     typical = np.nanmedian(np.max(running, axis=0)) if np.isfinite(running).any() else 0.0

@@ -12,7 +12,15 @@ import casadi
 import numpy as np
 
 from socp.errors import MethodError
-from socp.model import Expr, Solution, column, constraint_function, end_symbols, time
+from socp.model import (
+    Expr,
+    Solution,
+    column,
+    condition_slopes,
+    constraint_function,
+    end_symbols,
+    time,
+)
 from socp.solvers import NLP, NLPPoint, Reduced
 from socp.transcription.lifting import Layout, lift, mapped, push
 from socp.transcription.mesh import Mesh, Table, table, uniform
@@ -73,9 +81,10 @@ def collocate(
 class _Grid:
     """The symbols of a transcription, in the problem's units.
 
-    v (n, 1): all variables, each in its own magnitude, sizes (n,); first: first node of every phase and the last node; lengths (phases, 1); p (np, 1); X (nx,
-    nodes); V: free controls (nv, collocated) a phase; Y: carried quantities (ny, its nodes) a
-    phase; starts: times at which the phases begin, and the final time.
+    v (n, 1): all variables, each in its own magnitude, sizes (n,); first: first node of every phase
+    and the last node; lengths (phases, 1); p (np, 1); X (nx, nodes); V: free controls (nv,
+    collocated) a phase; Y: carried quantities (ny, its nodes) a phase; starts: times at which the
+    phases begin, and the final time.
     """
 
     phased: PhasedProblem
@@ -238,8 +247,8 @@ def _conditions(grid: _Grid, rows: _Rows) -> None:
     for condition in problem.conditions:
         symbols = casadi.vertcat(*end_symbols(problem))
         value = casadi.substitute(condition.expression, symbols, _end_values(grid))
-        size = grid.scale.condition(problem, condition)
-        rows.add(value, 0.0 if condition.equation else -np.inf, 0.0, size)
+        change = grid.scale.condition(problem, condition_slopes(problem, condition))
+        rows.add(value, 0.0 if condition.equation else -np.inf, 0.0, change)
     if np.isfinite(problem.final_time_box).any():
         rows.add(grid.starts[-1], *problem.final_time_box, grid.scale.time)
 

@@ -10,12 +10,10 @@ import numpy as np
 
 from socp.laws import admissible
 from socp.model import (
-    Condition,
     Expr,
     Problem,
     Solution,
     evaluate,
-    condition_slopes,
     end_values,
     objective_size,
     parameters_of,
@@ -84,13 +82,13 @@ class Scale:
         """Return the same of an expression of x, t, p and what a phase carries, the costate."""
         return self._change(problem, row, phase.carried)
 
-    def condition(self, problem: Problem, condition: Condition) -> float:
-        """Return the same of an end condition."""
+    def condition(self, problem: Problem, slopes: casadi.Function) -> float:
+        """Return the same of an end condition, from its slopes as a function of the ends."""
         if self.near is None:
             return 1.0
-        slopes = condition_slopes(problem, condition)(*end_values(problem, self.near))
+        found = slopes(*end_values(problem, self.near))
         sizes = (self.x, self.x, self.p, np.array([self.time]), np.array([self.time]))
-        return _size(sum(float(np.abs(s.full()[0]) @ z) for s, z in zip(slopes, sizes, strict=True)))
+        return _size(sum(float(np.abs(s.full()[0]) @ z) for s, z in zip(found, sizes, strict=True)))
 
     def _change(self, problem: Problem, row: Expr, carried: Expr) -> float:
         if self.near is None:

@@ -6,7 +6,6 @@ Where one end value alone says all, as the pole of a sphere does, the others fol
 without them has no multipliers there, since its end condition touches what motions can reach.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -15,8 +14,8 @@ import numpy as np
 from scipy.linalg import qr
 
 from socp.laws import probes
-from socp.laws.drawing import ends, horizon
 from socp.laws.conservation.quantities import conserved
+from socp.laws.drawing import ends, horizon
 from socp.model import FEASIBLE, Expr, Problem, column, end_symbols, once, sizes, time
 
 _PASSES = 80  # Gauss-Newton steps; at a touching point each halves the distance
@@ -44,8 +43,8 @@ def completed(problem: Problem) -> Problem:
 
 @once
 def independent(problem: Problem) -> Problem:
-    """Return the problem without end values that follow from others by what motions conserve; itself
-    where there are none.
+    """Return the problem without end values that follow from others by what motions conserve;
+    itself where there are none.
 
     What is implied is asked for in their place (see `completed`). A value that a linear conserved
     quantity determines is left free. One that is determined up to a sign, by a quadratic one, is
@@ -97,7 +96,8 @@ class _Ends:
         size = np.concatenate([known.max(axis=0)] * 2 + [np.ones(p.numel()), [np.ptp(times)] * 2])
         held = [xf[i] - last[i] for i in fixed] + equations
         held += [x0[i] - v for i, v in _fixed(problem.start_box)]
-        held += [s - v for s, box in zip((t0, tf), _times(problem)) for _, v in _fixed(box)]
+        held += [t0 - v for _, v in _fixed(_column(problem.initial_time_box))]
+        held += [tf - v for _, v in _fixed(_column(problem.final_time_box))]
         kept = [
             casadi.substitute(q, casadi.vertcat(problem.x, time), casadi.vertcat(xf, tf))
             - casadi.substitute(q, casadi.vertcat(problem.x, time), casadi.vertcat(x0, t0))
@@ -132,15 +132,16 @@ class _Ends:
         rows, k = function(self.at).full(), self.kept.numel()
         u, s, _ = np.linalg.svd(rows, full_matrices=True)
         left = u[:, np.append(s, np.zeros(u.shape[0] - s.size)) <= _RANK * max(s[0], 1.0)].T
-        return left[np.abs(left[:, :k]).max(axis=1, initial=0.0) > _RANK**0.5]
+        some: np.ndarray = left[np.abs(left[:, :k]).max(axis=1, initial=0.0) > _RANK**0.5]
+        return some
 
 
 def _fixed(box: np.ndarray) -> list[tuple[int, float]]:
     return [(int(i), float(box[0, i])) for i in np.flatnonzero(box[0] == box[1])]
 
 
-def _times(problem: Problem) -> Sequence[np.ndarray]:
-    return [np.array([b]).T for b in (problem.initial_time_box, problem.final_time_box)]
+def _column(interval: tuple[float, float]) -> np.ndarray:
+    return np.array([interval]).T
 
 
 def _met(ways: _Ends) -> _Ends | None:
@@ -212,7 +213,7 @@ def _redundant(ways: _Ends) -> dict[Expr, tuple[float | None, float | None]]:
         return {}
     _, triangle, order = qr(among, mode="economic", pivoting=True)
     rank = int((np.abs(np.diag(triangle)) > _RANK**0.5 * abs(triangle[0, 0])).sum())
-    found = {}
+    found: dict[Expr, tuple[float | None, float | None]] = {}
     for j in order[:rank].tolist():
         i = ways.fixed[j]
         factors = dependences[np.argmax(np.abs(among[:, j]))]
@@ -221,9 +222,7 @@ def _redundant(ways: _Ends) -> dict[Expr, tuple[float | None, float | None]]:
         slope, curve = casadi.Function("c", [ways.w], [first, second])(ways.at)
         apart = abs(2.0 * float(slope) / float(curve)) if float(curve) else np.inf
         value, half = ways.problem.end_box[0, i], apart * ways.size[i] / 2.0
-        low, high = ways.problem.state_box[:, i]
-        found[ways.problem.x[i]] = tuple(
-            None if not np.isfinite(side) else float(np.clip(side, low, high))
-            for side in (value - half, value + half)
-        )
+        sides = np.clip([value - half, value + half], *ways.problem.state_box[:, [i]])
+        low, high = (float(side) if np.isfinite(side) else None for side in sides)
+        found[ways.problem.x[i]] = low, high
     return found

@@ -27,7 +27,9 @@ def conserved(problem: Problem) -> tuple[Expr, ...]:
     each = _MORE * _count(z.numel()) / (1 + problem.u.numel())  # a point gives a row a field
     size, points = _points(problem, 2 * int(each + 1))
     half = points.shape[1] // 2
-    first, last = (_derivatives(problem, size, each) for each in (points[:, :half], points[:, half:]))
+    first, last = (
+        _derivatives(problem, size, each) for each in (points[:, :half], points[:, half:])
+    )
     if first.shape[0] < first.shape[1]:
         return ()
     terms = np.abs(first).max(axis=1, keepdims=True)
@@ -54,7 +56,9 @@ def _points(problem: Problem, count: int) -> tuple[np.ndarray, np.ndarray]:
     size = np.where(size > 0, size, 1.0)
     spread = np.maximum(known.std(axis=1), _SPREAD * size)
     middle = known.mean(axis=1)[:, None]
-    return size[: nx + 1], middle + spread[:, None] * random.standard_normal((known.shape[0], count))
+    return size[: nx + 1], middle + spread[:, None] * random.standard_normal(
+        (known.shape[0], count)
+    )
 
 
 def _derivatives(problem: Problem, size: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -71,13 +75,13 @@ def _derivatives(problem: Problem, size: np.ndarray, points: np.ndarray) -> np.n
     values = fields.map(count)(points[: n - 1], points[n - 1 : n], points[n:]).full()
     values = values.reshape(n, count, -1) / size[:, None, None]
     y = points[:n] / size[:, None]
-    rows = []
+    rows, upper = [], np.flatnonzero(np.triu(np.ones((n, n))))
     for k in range(count):
         v = values[:, k].T  # (fields, n)
         products = np.einsum("fi,j->fij", v, y[:, k])
         products = products + products.transpose(0, 2, 1)
-        i, j = np.triu_indices(n)
-        rows.append(np.hstack([v, products[:, i, j]])[:, : _count(n)])
+        pairs = products.reshape(v.shape[0], -1)[:, upper]
+        rows.append(np.hstack([v, pairs])[:, : _count(n)])
     found = np.vstack(rows)
     finite: np.ndarray = found[np.isfinite(found).all(axis=1)]
     return finite
@@ -106,6 +110,6 @@ def _vanishes(rows: np.ndarray, polynomial: np.ndarray) -> bool:
 
 def _polynomial(y: Expr, row: np.ndarray) -> Expr:
     n = y.numel()
-    i, j = np.triu_indices(n)
-    monomials = [*casadi.vertsplit(y), *(y[a] * y[b] for a, b in zip(i.tolist(), j.tolist()))]
+    pairs = zip(*(each.tolist() for each in np.triu_indices(n)), strict=True)
+    monomials = [*casadi.vertsplit(y), *(y[a] * y[b] for a, b in pairs)]
     return sum((c * m for c, m in zip(row.tolist(), monomials, strict=False) if c), casadi.SX(0))
