@@ -75,7 +75,8 @@ def _derivatives(problem: Problem, size: np.ndarray, points: np.ndarray) -> np.n
     values = fields.map(count)(points[: n - 1], points[n - 1 : n], points[n:]).full()
     values = values.reshape(n, count, -1) / size[:, None, None]
     y = points[:n] / size[:, None]
-    rows, upper = [], np.flatnonzero(np.triu(np.ones((n, n))))
+    rows: list[np.ndarray] = []
+    upper = np.flatnonzero(np.triu(np.ones((n, n))))
     for k in range(count):
         v = values[:, k].T  # (fields, n)
         products = np.einsum("fi,j->fij", v, y[:, k])
