@@ -15,7 +15,7 @@ from scipy.linalg import qr
 
 from socp.laws import probes
 from socp.laws.conservation.quantities import conserved
-from socp.laws.drawing import ends, horizon
+from socp.laws.drawing import guessed_ends, horizon
 from socp.model import FEASIBLE, Expr, Problem, column, end_symbols, once, sizes, time
 
 _PASSES = 80  # Gauss-Newton steps; at a touching point each halves the distance
@@ -88,7 +88,7 @@ class _Ends:
         if not quantities:
             return None
         xf, x0, p, t0, tf = end_symbols(problem)
-        start, last = ends(problem)
+        start, last = guessed_ends(problem)
         first = problem.initial_time_box[0] if np.isfinite(problem.initial_time_box[0]) else 0.0
         times = np.array([first, first + horizon(problem)])
         given = np.concatenate([last, start, np.clip(0.0, *problem.parameter_box), times])

@@ -94,7 +94,8 @@ def _echelon(null: np.ndarray) -> np.ndarray:
     """
     null = null.copy()
     for k in range(null.shape[0]):
-        i, j = np.unravel_index(np.argmax(np.abs(null[k:])), null[k:].shape)
+        rest = np.abs(null[k:])
+        i, j = divmod(int(np.argmax(rest)), rest.shape[1])
         null[[k, k + i]] = null[[k + i, k]]
         null[k] /= null[k, j]
         others = np.arange(null.shape[0]) != k
