@@ -57,7 +57,8 @@ class LgrMultiphase(Method):
     )
     tolerance: float = option(
         1e-7,
-        "size of the states' last Legendre coefficients, relative, that ends refinement",
+        "size of the last Legendre coefficients of states, cost and laws, relative, that ends "
+        "refinement",
         least=1e-15,
     )
     backend: Backend = option(default_backend(), "solver of the nonlinear programme")

@@ -1,4 +1,6 @@
 from .book import law_lines as law_lines
+from .conservation.dependent import completed as completed
+from .conservation.dependent import independent as independent
 from .contacts import Tie as Tie
 from .contacts import controlled_constraints as controlled_constraints
 from .contacts import name_constraints as name_constraints

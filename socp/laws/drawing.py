@@ -10,8 +10,10 @@ from socp.model import (
     column,
     final_time,
     initial_time,
+    mayer_function,
     rate_function,
     running_function,
+    sizes,
     time,
 )
 
@@ -69,7 +71,7 @@ def travel_time(problem: Problem, x0: np.ndarray, xf: np.ndarray, t0: float) -> 
 
 def _reach(problem: Problem, x0: np.ndarray, xf: np.ndarray) -> np.ndarray:
     """Move a guessed end state (nx,) within its box until it meets the target conditions, by
-    Gauss-Newton.
+    Gauss-Newton, every state measured by the size that its start, end and bounds show.
     """
     if not problem.conditions:
         return xf
@@ -80,14 +82,16 @@ def _reach(problem: Problem, x0: np.ndarray, xf: np.ndarray) -> np.ndarray:
     function = casadi.Function(
         "target", [problem.x, *start], [values, casadi.jacobian(values, problem.x)]
     )
-    movable = problem.end_box[0] < problem.end_box[1]
+    size = sizes(problem, np.column_stack([x0, xf]))
+    movable = size * (problem.end_box[0] < problem.end_box[1])
     for _ in range(
         30
     ):  # Newton from afar halves a quadratic's distance at every step: 30 cover nine digits
         value, slope = (each.full() for each in function(xf, x0, 0.0, 0.0, 1.0))
         if not np.isfinite(value).all() or not np.isfinite(slope).all():
             break
-        xf = np.clip(xf - np.linalg.pinv(slope * movable) @ value[:, 0], *problem.end_box)
+        step = movable * (np.linalg.pinv(slope * movable) @ value[:, 0])
+        xf = np.clip(xf - step, *problem.end_box)
     return xf
 
 
@@ -103,6 +107,9 @@ _SHORTER = 0.25  # what the time of a simulation that is rough or escapes is mul
 _TRIALS = 14  # times that a simulation is shortened: to some 1e-8 of the horizon
 # Of the typical way, by which points are moved off the motions: these may have an invariant
 _STRAY = 0.1
+# Of the size that ends, bounds and rates show: a state that stays below it is taken for as large as
+# these, it is rounding
+_NONE = 1e-9
 
 Generator = np.random.Generator
 
@@ -134,10 +141,11 @@ def reachable_points(problem: Problem, count: int) -> np.ndarray:
     moved = np.median(np.abs(x - x0), axis=1, keepdims=True)
     moved = np.where(moved > 0, moved, np.abs(x - x0).mean(axis=1, keepdims=True))
     x = _inside(problem, x + _STRAY * moved * random.standard_normal(x.shape))
-    size = np.sqrt(np.mean(x**2, axis=1, keepdims=True)) + 1e-12
+    size, known = np.sqrt(np.mean(x**2, axis=1, keepdims=True)), _sizes(problem, runs, whole)
+    known = np.where(known > 0, known, 1.0)
+    size = np.where(size > _NONE * known, size, known)
     t = t0 + lengths
-    worth = _cost(problem, x, t, p) * whole  # of the way, in the objective's units
-    costate = random.standard_normal(x.shape) * worth / np.where(size > 1e-9, size, 1.0)
+    costate = random.standard_normal(x.shape) * _worth(problem, runs, x, t, whole) / size
     return np.vstack([t[None, :], x, p, costate, _bangs(problem, count, random)])
 
 
@@ -276,12 +284,17 @@ def _bangs(problem: Problem, count: int, random: Generator) -> np.ndarray:
     return sides
 
 
-def _cost(problem: Problem, x: np.ndarray, t: np.ndarray, p: np.ndarray) -> float:
-    """Return the typical running cost over points, 1 where there is none: costates are measured by
-    it.
+def _worth(problem: Problem, runs: _Runs, x: np.ndarray, t: np.ndarray, whole: float) -> float:
+    """Return the typical objective over points (nx, n) at times (n,): costates are measured by it.
+
+    Where there is none, the horizon.
     """
-    u = np.zeros((problem.u.numel(), x.shape[1]))
-    value = np.abs(running_function(problem).map(x.shape[1])(x, u, t, p).full())
-    value = value[np.isfinite(value)]
-    size = float(np.median(value)) if value.size else 0.0
-    return size or (float(value.mean()) if value.size else 0.0) or 1.0
+    u, t0 = np.zeros((problem.u.numel(), x.shape[1])), np.full(t.size, runs.t0)
+    running = running_function(problem).map(x.shape[1])(x, u, t, runs.p).full()
+    mayer = mayer_function(problem).map(x.shape[1])(x, runs.x0, runs.p, t0, t).full()
+    return (_typical(running) * whole + _typical(mayer)) or whole
+
+
+def _typical(values: np.ndarray) -> float:
+    found = np.abs(values[np.isfinite(values)])
+    return (float(np.median(found)) or float(found.mean())) if found.size else 0.0

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from socp.errors import ContractError
-from socp.laws import check_laws
+from socp.laws import check_laws, independent
 from socp.methods.contract import Method, check_options, options
 from socp.model import Arc, Problem, Solution, Stop, Watch, check_controls, silent
 from socp.process import breakable, give_way, signals_held
@@ -23,9 +23,11 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
     """Solve with a method and return its solution stamped with name, options and versions, verified
     and judged.
 
-    Ctrl-C while it is judged gives the solution without a verdict. Raises MethodError for options
-    out of range and for what the method cannot try, ProblemError for a wrong user-given law and for
-    controls that have no use, ContractError for a method that returns no solution of it.
+    The method is given end conditions none of which follows from the others; the judge holds its
+    solution against all. Ctrl-C while it is judged gives the solution without a verdict. Raises
+    MethodError for options out of range and for what the method cannot try, ProblemError for a
+    wrong user-given law and for controls that have no use, ContractError for a method that returns
+    no solution of it.
     """
     check_options(method)
     check_controls(problem)
@@ -34,7 +36,7 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
     try:
         with breakable():
             give_way()
-            solved.append(method.solve(problem, guess, watch))
+            solved.append(method.solve(independent(problem), guess, watch))
     except KeyboardInterrupt:
         if not solved:
             raise

@@ -139,7 +139,7 @@ def _attempt(
     phased: PhasedProblem, meshes: Sequence[Mesh], backend: Solver, guess: Solution, watch: Watch
 ) -> Solution:
     began = time.perf_counter()
-    reduced = collocate(phased, meshes)
+    reduced = collocate(phased, meshes, guess)
     start = reduced.push(guess)
     transcribed = time.perf_counter() - began
     point = backend(reduced.problem, start, lifting_watch(watch, reduced))
@@ -157,7 +157,8 @@ def lifting_watch(watch: Watch, reduced: Reduced[NLP, Solution, NLPPoint]) -> Wa
         return silent
 
     def see(now: Progress, /) -> bool:
-        v = now.v
+        v, objective = now.v, now.objective * reduced.problem.unit
+        now = replace(now, objective=objective)
         return watch(
             now if v is None else replace(now, iterate=lambda: reduced.lift(NLPPoint(v=v)))
         )

@@ -21,7 +21,9 @@ _TOLERANCE, _ITERATIONS = 1e-6, 150  # to tell extremals apart takes no digits
 _PATIENT = 500
 # Relative: objectives of one extremal from different starts differ by rounding; of two, clearly
 _ALIKE = 1e-3
-_MET = 3  # starts that end in the best extremal known before it is believed to be the best
+# Starts that end in the best extremal known before it is believed to be the best, and no fewer than
+# in all others: where starts end in many, a better one may be among those not met yet
+_MET = 3
 
 
 def scouts(
@@ -35,11 +37,11 @@ def scouts(
     first.
 
     At most `starts` guesses are tried, none for 0; it ends once the best extremal has been met
-    three times. An interrupted solve is returned alone.
+    three times, and as often as all others. An interrupted solve is returned alone.
     """
     starting = islice(_guesses(problem, guess), starts)
     rough = (backend or default_backend()).within(_TOLERANCE).limited(_ITERATIONS)
-    return _Scouting(problem, watch).all(starting, rough)
+    return _Scouting(problem, guess, watch).all(starting, rough)
 
 
 def scouts_from_motions(
@@ -50,15 +52,15 @@ def scouts_from_motions(
     """
     starts = chain(motions(problem, guess), other_horizons(problem, guess))
     patient = (backend or default_backend()).within(_TOLERANCE).limited(_PATIENT)
-    return _Scouting(problem, watch).all(starts, patient)
+    return _Scouting(problem, guess, watch).all(starts, patient)
 
 
 @final
 class _Scouting:
     """Coarse solves from guesses, on one programme; it ends with the time allowed."""
 
-    def __init__(self, problem: Problem, watch: Watch) -> None:
-        self.reduced = collocate(single_phase(problem), [uniform(radau_iia(2), _STEPS)])
+    def __init__(self, problem: Problem, guess: Solution, watch: Watch) -> None:
+        self.reduced = collocate(single_phase(problem), [uniform(radau_iia(2), _STEPS)], guess)
         self.watch = lifting_watch(watch, self.reduced)
 
     def all(self, guesses: Iterator[Solution], backend: Backend) -> list[Solution]:
@@ -76,7 +78,7 @@ class _Scouting:
                 return [found]
             if found.stop.ok:
                 met = count_in(met, found)
-            if met and met[0][1] >= _MET:
+            if met and met[0][1] >= max(_MET, sum(count for _, count in met[1:])):
                 break
         return [solution for solution, _ in met]
 

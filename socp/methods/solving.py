@@ -1,5 +1,5 @@
-"""Solve along a given word: laws on every arc, free lengths, meshes refined until the states have
-converged.
+"""Solve along a given word: laws on every arc, free lengths, meshes refined until states, cost and
+laws have converged.
 """
 
 import math
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import final
 
 from socp.methods.contract import solve_collocated
-from socp.model import OUTSIDE, Problem, Solution, Stop, Watch, Word, scales, silent
+from socp.model import OUTSIDE, Problem, Solution, Stop, Watch, Word, silent
 from socp.solvers import Solver, default_backend
 from socp.transcription import (
     PhasedProblem,
@@ -17,8 +17,8 @@ from socp.transcription import (
     lgr,
     refined_meshes,
     rejoin,
-    tails,
     uniform,
+    unresolved,
 )
 from socp.verdict import verify
 
@@ -36,11 +36,11 @@ class Follower:
     """How to solve along a word.
 
     points: collocation points an interval; intervals: fixed number of intervals an arc, 0 for as
-    many as needed; tolerance: size of the states' last Legendre coefficients, relative, that ends
-    refinement; boxed: impose the box of the controls on the values of the laws, which a right word
-    keeps by itself; loose: joints at which a law has to be at a bound are left free; longer: meet
-    the ends with longer horizons first where the guess leads nowhere; dwell: least length of every
-    arc.
+    many as needed; tolerance: size of the last Legendre coefficients of states, cost and laws,
+    relative, that ends refinement; boxed: impose the box of the controls on the values of the laws,
+    which a right word keeps by itself; loose: joints at which a law has to be at a bound are left
+    free; longer: meet the ends with longer horizons first where the guess leads nowhere; dwell:
+    least length of every arc.
     """
 
     points: int = 10
@@ -94,16 +94,16 @@ class Follower:
         return solution if pieces else self._refined(phased, solution, watch)
 
     def _refined(self, phased: PhasedProblem, solution: Solution, watch: Watch) -> Solution:
-        """Solve on finer meshes until the states have converged, or the solver is not content any
-        more.
+        """Solve on finer meshes until states, cost and laws have converged, or the solver is not
+        content any more.
         """
         problem, tolerance = phased.of, self.tolerance
         for _ in range(_PASSES):
-            scale = scales(problem, solution)
-            near = max(float(tails(arc, scale).max()) for arc in solution.arcs) <= _NEAR * tolerance
+            rest = unresolved(problem, solution)
+            near = max(float(each.max()) for each in rest) <= _NEAR * tolerance
             if near and verify(problem, solution)[0].worst <= _MISSED:
                 break  # another mesh costs more than this look
-            finer = refined_meshes(solution.arcs, scale, self.points, tolerance)
+            finer = refined_meshes(solution.arcs, rest, self.points, tolerance)
             if finer is None:
                 # Where the motion is not smooth the end of an interval is no better than its inside
                 tolerance /= 100.0

@@ -1,7 +1,7 @@
 """A problem along a solution: its functions, each built once, the values they take, and sizes."""
 
 from collections.abc import Callable
-from functools import wraps
+from functools import partial, wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import casadi
@@ -155,3 +155,44 @@ def sizes(problem: Problem, t: np.ndarray, x: np.ndarray, p: np.ndarray) -> np.n
     reach = np.nan_to_num(np.max(ends, axis=0) * (t[-1] - t[0]), posinf=0.0)
     here = (magnitude > 0) & (magnitude > ROUNDED * reach)
     return np.where(here, magnitude, np.where(reach > 0, reach, 1.0))
+
+
+def objective_size(problem: Problem, solution: Solution) -> float:
+    """Return a magnitude of the objective near a solution, 1 where it has none.
+
+    It is the horizon times the typical running cost, at the bounds of the controls, and the Mayer
+    term, each by its absolute value and by what it changes when all states change by their own
+    magnitude, up or down, whichever changes it less: a cost that vanishes on a guess has a
+    magnitude all the same, and one near a pole no infinite one.
+    """
+    scale, p = scales(problem, solution)[:, None], parameters_of(problem, solution)
+    x, t = solution.rows("x"), solution.t
+    x = np.where(np.isfinite(x), x, 0.0)
+    cost, mayer = running_function(problem), mayer_function(problem)
+    running = [magnitude(partial(_running, cost, u[:, None], t, p), x, scale) for u in problem.box]
+    ends = solution.initial_time, solution.final_time
+    last = magnitude(lambda xf: mayer(xf, x[:, 0], p, *ends).full().ravel(), x[:, -1:], scale)
+    typical = np.nanmedian(np.max(running, axis=0)) if np.isfinite(running).any() else 0.0
+    size = float(typical) * (ends[1] - ends[0]) + float(last[0])
+    return size if 0.0 < size < np.inf else 1.0
+
+
+def _running(
+    cost: casadi.Function, u: np.ndarray, t: np.ndarray, p: np.ndarray, x: np.ndarray
+) -> np.ndarray:
+    return evaluate(cost, x, np.repeat(u, t.size, axis=1), t, p)[0].ravel()
+
+
+def magnitude(
+    function: Callable[[np.ndarray], np.ndarray], x: np.ndarray, scale: np.ndarray
+) -> np.ndarray:
+    """Return a function's absolute value (n,) at states and, added, the least change when all of
+    them go up or down by their own magnitude.
+
+    The lesser of the two: towards a pole, or where it grows exponentially, a function may change by
+    any amount.
+    """
+    with np.errstate(all="ignore"):
+        here = function(x)
+        change = np.fmin(np.abs(function(x + scale) - here), np.abs(function(x - scale) - here))
+        return np.array(np.abs(here) + np.where(np.isfinite(change), change, 0.0))

@@ -21,7 +21,7 @@ class NLP:
     """Minimise f(v) subject to v_box[0] <= v <= v_box[1] and g_box[0] <= g(v) <= g_box[1].
 
     v (n, 1), f (1, 1) and g (m, 1) are casadi SX; v_box (2, n); g_box (2, m); binary (n,) flags
-    what must be 0 or 1.
+    what must be 0 or 1; `unit` is what f is measured in: the objective is unit * f.
     """
 
     v: Expr
@@ -30,6 +30,7 @@ class NLP:
     v_box: np.ndarray
     g_box: np.ndarray
     binary: np.ndarray
+    unit: float = 1.0
 
 
 @final

@@ -11,6 +11,7 @@ from typing import Any, final
 import numpy as np
 
 from socp.errors import MethodError, SolveError
+from socp.laws import independent
 from socp.methods import solve_collocated, versions
 from socp.model import COMPARED, Problem, Progress, Solution, Stop, Watch, silent
 from socp.process import breakable, give_way, signals_held
@@ -42,10 +43,12 @@ def explore(problem: Problem, number: int, watch: Watch = silent) -> Outcome:
     """
     began, here = time.perf_counter(), start(problem, number)
     try:
-        found, error = _explored(problem, here.guess, here.mesh, watch)
+        found, error = _explored(independent(problem), here.guess, here.mesh, watch)
     except (SolveError, MethodError, ArithmeticError, ValueError, np.linalg.LinAlgError) as reason:
         found, error = None, f"{type(reason).__name__}: {reason}"
     if found is not None:
+        if independent(problem) is not problem:
+            found = judge(problem, found)
         found = replace(found, method="census", seconds={"start": time.perf_counter() - began})
     return Outcome(number, here.about, found, error)
 

@@ -12,20 +12,34 @@ import casadi
 import numpy as np
 
 from socp.errors import MethodError
-from socp.model import Expr, Solution, column, constraint_function, end_symbols, time
+from socp.model import (
+    Expr,
+    Solution,
+    column,
+    condition_slopes,
+    constraint_function,
+    end_symbols,
+    time,
+)
 from socp.solvers import NLP, NLPPoint, Reduced
 from socp.transcription.lifting import Layout, lift, mapped, push
 from socp.transcription.mesh import Mesh, Table, table, uniform
 from socp.transcription.phases import PhasedProblem
+from socp.transcription.scaling import Scale
 
 __all__ = ["Mesh", "Table", "collocate", "table", "uniform"]
 
 
-def collocate(phased: PhasedProblem, meshes: Sequence[Mesh]) -> Reduced[NLP, Solution, NLPPoint]:
+def collocate(
+    phased: PhasedProblem, meshes: Sequence[Mesh], near: Solution | None = None
+) -> Reduced[NLP, Solution, NLPPoint]:
     """Transcribe a phased problem on one mesh a phase.
 
     Variables: initial time, phase lengths, parameters, states at all nodes (shared between
-    neighbours), free controls at the collocated nodes, carried quantities, binaries a phase. `lift`
+    neighbours), free controls at the collocated nodes, carried quantities, binaries a phase. Near a
+    solution or guess each is measured in its own magnitude there, every row in what changes it and
+    the objective in its own, so that nothing depends on the units of a problem; without one all
+    are in these. Guesses and points are in the problem's units either way. `lift`
     gives costates by the covector map: -(B' multipliers) / weights at collocated nodes within an
     interval, and where intervals meet the sensitivity of the Lagrangian, which has the order of the
     scheme (on the side of the jump that is collocated). Raises MethodError where the meshes do not
@@ -35,30 +49,29 @@ def collocate(phased: PhasedProblem, meshes: Sequence[Mesh]) -> Reduced[NLP, Sol
         raise MethodError(
             f"{len(meshes)} meshes for {len(phased.phases)} phases; give one mesh a phase"
         )
-    grid = _grid(phased, [table(mesh) for mesh in meshes])
-    rows = _Rows([], [], [])
+    grid = _grid(phased, [table(mesh) for mesh in meshes], Scale.of(phased.of, near))
+    rows = _Rows([], [], [], [])
     cost, defects = _dynamics(grid, rows)
     path = _path(grid, rows)
     _conditions(grid, rows)
-    layout = _layout(grid, defects, path)
+    layout = _layout(grid, rows, defects, path)
     mayer = casadi.substitute(
         phased.of.mayer, casadi.vertcat(*end_symbols(phased.of)), _end_values(grid)
     )
-    z = casadi.vertcat(casadi.SX(0, 1), *(phase.z for phase in phased.phases))
-    parts = [casadi.vec(each) for each in (grid.X, *grid.V, *grid.Y)]
-    v = casadi.vertcat(grid.starts[0], grid.lengths, grid.p, *parts, z)
+    binaries = sum(phase.z.numel() for phase in phased.phases)
     nlp = NLP(
-        v=v,
-        f=cost + mayer,
+        v=grid.v,
+        f=(cost + mayer) / grid.scale.cost,
         g=casadi.vertcat(casadi.SX(0, 1), *rows.blocks),
-        v_box=_box(layout),
+        v_box=_box(layout) / layout.sizes,
         g_box=np.hstack(
             [
                 np.zeros((2, 0)),
                 *([low, high] for low, high in zip(rows.low, rows.high, strict=True)),
             ]
         ),
-        binary=np.arange(v.numel()) >= v.numel() - z.numel(),
+        binary=np.arange(grid.v.numel()) >= grid.v.numel() - binaries,
+        unit=grid.scale.cost,
     )
     return Reduced(nlp, partial(push, layout), partial(lift, layout))
 
@@ -66,15 +79,19 @@ def collocate(phased: PhasedProblem, meshes: Sequence[Mesh]) -> Reduced[NLP, Sol
 @final
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """The symbols of a transcription.
+    """The symbols of a transcription, in the problem's units.
 
-    first: first node of every phase and the last node; lengths (phases, 1); p (np, 1); X (nx,
-    nodes); V: free controls (nv, collocated) a phase; Y: carried quantities (ny, its nodes) a
-    phase; starts: times at which the phases begin, and the final time.
+    v (n, 1): all variables, each in its own magnitude, sizes (n,); first: first node of every phase
+    and the last node; lengths (phases, 1); p (np, 1); X (nx, nodes); V: free controls (nv,
+    collocated) a phase; Y: carried quantities (ny, its nodes) a phase; starts: times at which the
+    phases begin, and the final time.
     """
 
     phased: PhasedProblem
     tables: list[Table]
+    scale: Scale
+    v: Expr
+    sizes: np.ndarray
     first: list[int]
     lengths: Expr
     p: Expr
@@ -88,24 +105,35 @@ class _Grid:
         return self.starts[k] + self.lengths[k] * casadi.DM(self.tables[k].tau).T
 
 
-def _grid(phased: PhasedProblem, tables: list[Table]) -> _Grid:
+def _grid(phased: PhasedProblem, tables: list[Table], scale: Scale) -> _Grid:
     first = list(accumulate((t.tau.size - 1 for t in tables), initial=0))
-    lengths, t0 = casadi.SX.sym("h", len(tables)), casadi.SX.sym("t0")
+    raw = [casadi.SX.sym("t0"), casadi.SX.sym("h", len(tables))]
+    raw += [casadi.SX.sym("p", phased.of.p.numel())]
+    raw += [casadi.SX.sym("X", phased.of.x.numel(), first[-1] + 1)]
+    pairs = list(zip(phased.phases, tables, strict=True))
+    raw += [casadi.SX.sym("V", f.free.numel(), t.collocated.size) for f, t in pairs]
+    raw += [casadi.SX.sym("Y", f.carried.numel(), t.tau.size) for f, t in pairs]
+    sizes = [np.full(1, scale.time), np.full(len(tables), scale.time), scale.p, scale.x]
+    sizes += [scale.control(f) for f in phased.phases]
+    sizes += [scale.costate[: f.carried.numel()] for f in phased.phases]
+    columns = [np.tile(size, each.shape[1]) for size, each in zip(sizes, raw, strict=True)]
+    t0, lengths, p, X, *rest = (
+        each * casadi.DM(size.reshape(each.shape, order="F"))
+        for each, size in zip(raw, columns, strict=True)
+    )
+    z = casadi.vertcat(casadi.SX(0, 1), *(phase.z for phase in phased.phases))
     return _Grid(
         phased=phased,
         tables=tables,
+        scale=scale,
+        v=casadi.vertcat(*(casadi.vec(each) for each in raw), z),
+        sizes=np.concatenate([*columns, np.ones(z.numel())]),
         first=first,
         lengths=lengths,
-        p=casadi.SX.sym("p", phased.of.p.numel()),
-        X=casadi.SX.sym("X", phased.of.x.numel(), first[-1] + 1),
-        V=[
-            casadi.SX.sym("V", f.free.numel(), t.collocated.size)
-            for f, t in zip(phased.phases, tables, strict=True)
-        ],
-        Y=[
-            casadi.SX.sym("Y", f.carried.numel(), t.tau.size)
-            for f, t in zip(phased.phases, tables, strict=True)
-        ],
+        p=p,
+        X=X,
+        V=rest[: len(tables)],
+        Y=rest[len(tables) :],
         starts=[t0, *(t0 + casadi.sum1(lengths[: k + 1]) for k in range(len(tables)))],
     )
 
@@ -113,19 +141,24 @@ def _grid(phased: PhasedProblem, tables: list[Table]) -> _Grid:
 @final
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Collects constraint blocks with their bounds and tells where each one stands."""
+    """Collects constraint blocks with their bounds and sizes, and tells where each one stands."""
 
     blocks: list[Expr]
     low: list[np.ndarray]
     high: list[np.ndarray]
+    sizes: list[np.ndarray]
 
-    def add(self, block: Expr, low: float, high: float) -> slice:
-        """Add low <= block <= high, column after column; returns its rows in g."""
-        size, count = sum(each.size for each in self.low), block.numel()
-        self.blocks.append(casadi.vec(block))
-        self.low.append(np.full(count, low))
-        self.high.append(np.full(count, high))
-        return slice(size, size + count)
+    def add(self, block: Expr, low: float, high: float, size: np.ndarray | float = 1.0) -> slice:
+        """Add low <= block <= high, column after column, each row measured by its size (rows,);
+        returns its rows in g.
+        """
+        before, count = sum(each.size for each in self.low), block.numel()
+        sizes = np.tile(size, count // np.size(size)) if count else np.empty(0)
+        self.blocks.append(casadi.vec(block) / casadi.DM(sizes))
+        self.low.append(np.full(count, low) / sizes)
+        self.high.append(np.full(count, high) / sizes)
+        self.sizes.append(sizes)
+        return slice(before, before + count)
 
 
 def _dynamics(grid: _Grid, rows: _Rows) -> tuple[Expr, list[slice]]:
@@ -150,16 +183,17 @@ def _dynamics(grid: _Grid, rows: _Rows) -> tuple[Expr, list[slice]]:
         ]:
             if not phase.control[i].is_constant():
                 (values,) = mapped(casadi.Function("law", given, [phase.control[i]]), along)
-                laws.append((values, *problem.box[:, i]))
+                laws.append((values, *problem.box[:, i], grid.scale.law(problem, i)))
         for row, low, high in phase.choice.along if phase.choice else ():
-            laws.append((*mapped(casadi.Function("row", given, [row]), along), low, high))
+            laws.append((*mapped(casadi.Function("row", given, [row]), along), low, high, 1.0))
         cost += length * casadi.dot(L.T, casadi.DM(t.weights[at]))
         left = casadi.mtimes(casadi.vertcat(X, grid.Y[k]), casadi.DM(t.A).T)
+        size = np.append(grid.scale.x, grid.scale.costate[: phase.carried.numel()])
         defects.append(
-            rows.add(left - length * casadi.mtimes(F, casadi.DM(t.B[:, at]).T), 0.0, 0.0)
+            rows.add(left - length * casadi.mtimes(F, casadi.DM(t.B[:, at]).T), 0.0, 0.0, size)
         )
-    for values, low, high in laws:
-        rows.add(values, low, high)
+    for values, low, high, width in laws:
+        rows.add(values, low, high, width)
     return cost, defects
 
 
@@ -187,7 +221,8 @@ def _path(grid: _Grid, rows: _Rows) -> dict[str, tuple[np.ndarray, slice]]:
             nodes = np.flatnonzero(~_closed(grid.phased, grid.first, constraint.name))
             function = constraint_function(problem, constraint)
             (values,) = mapped(function, [grid.X[:, nodes.tolist()], T[nodes.tolist()], grid.p])
-            found[constraint.name] = (nodes, rows.add(values, -np.inf, 0.0))
+            size = grid.scale.path(problem, constraint.expression)
+            found[constraint.name] = (nodes, rows.add(values, -np.inf, 0.0, size))
     return found
 
 
@@ -199,7 +234,9 @@ def _conditions(grid: _Grid, rows: _Rows) -> None:
             if held:
                 given = [problem.x, phase.carried, time, problem.p]
                 at = grid.X[:, grid.first[k + last]], grid.Y[k][:, -last], grid.starts[k + last]
-                rows.add(casadi.Function("held", given, [column(held)])(*at, grid.p), 0.0, 0.0)
+                size = np.array([grid.scale.joint(problem, phase, each) for each in held])
+                equations = casadi.Function("held", given, [column(held)])
+                rows.add(equations(*at, grid.p), 0.0, 0.0, size)
         for row, low, high in phase.choice.entry if phase.choice else ():
             entry = casadi.Function(
                 "entry", [problem.x, phase.carried, time, problem.p, phase.z], [row]
@@ -214,16 +251,19 @@ def _conditions(grid: _Grid, rows: _Rows) -> None:
     for condition in problem.conditions:
         symbols = casadi.vertcat(*end_symbols(problem))
         value = casadi.substitute(condition.expression, symbols, _end_values(grid))
-        rows.add(value, 0.0 if condition.equation else -np.inf, 0.0)
+        change = grid.scale.condition(problem, condition_slopes(problem, condition))
+        rows.add(value, 0.0 if condition.equation else -np.inf, 0.0, change)
     if np.isfinite(problem.final_time_box).any():
-        rows.add(grid.starts[-1], *problem.final_time_box)
+        rows.add(grid.starts[-1], *problem.final_time_box, grid.scale.time)
 
 
 def _end_values(grid: _Grid) -> Expr:
     return casadi.vertcat(grid.X[:, -1], grid.X[:, 0], grid.p, grid.starts[0], grid.starts[-1])
 
 
-def _layout(grid: _Grid, defects: list[slice], path: dict[str, tuple[np.ndarray, slice]]) -> Layout:
+def _layout(
+    grid: _Grid, rows: _Rows, defects: list[slice], path: dict[str, tuple[np.ndarray, slice]]
+) -> Layout:
     sizes = [1, len(grid.tables), grid.p.numel(), grid.X.numel()]
     sizes += [
         each.numel() for each in (*grid.V, *grid.Y, *(phase.z for phase in grid.phased.phases))
@@ -235,6 +275,9 @@ def _layout(grid: _Grid, defects: list[slice], path: dict[str, tuple[np.ndarray,
     return Layout(
         phased=grid.phased,
         tables=grid.tables,
+        sizes=grid.sizes,
+        rows=np.concatenate([np.empty(0), *rows.sizes]),
+        cost=grid.scale.cost,
         first=grid.first,
         lengths=lengths,
         parameters=parameters,

@@ -2,7 +2,7 @@
 solution.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import casadi
@@ -22,11 +22,15 @@ _NUDGE = 1e-9
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Layout:
     """Where everything stands: slices into v and g, nodes at which the phases begin, and the last
-    node.
+    node; magnitudes of all variables (n,), `rows` (m,) and the objective, in which a programme
+    measures them.
     """
 
     phased: PhasedProblem
     tables: list[Table]
+    sizes: np.ndarray
+    rows: np.ndarray
+    cost: float
     first: list[int]
     lengths: slice
     parameters: slice
@@ -40,6 +44,19 @@ class Layout:
     def nodes(self, k: int) -> slice:
         """Return the nodes of a phase."""
         return slice(self.first[k], self.first[k + 1] + 1)
+
+    def restored(self, point: NLPPoint) -> NLPPoint:
+        """Return a point in the problem's units, its multipliers in the objective's over these."""
+        told = np.asarray(point.trace.get("objective", ())) * self.cost
+        trace = {**point.trace, "objective": tuple(told.tolist())} if point.trace else point.trace
+        return replace(
+            point,
+            v=point.v * self.sizes,
+            objective=point.objective * self.cost,
+            lam_v=None if point.lam_v is None else point.lam_v * self.cost / self.sizes,
+            lam_g=None if point.lam_g is None else point.lam_g * self.cost / self.rows,
+            trace=trace,
+        )
 
 
 def mapped(function: casadi.Function, arguments: list[Expr]) -> list[Expr]:
@@ -92,6 +109,7 @@ def push(layout: Layout, guess: Solution) -> NLPPoint:
     p = [guess.parameters.get(name, 0.0) for name in problem.parameter_names]
     return NLPPoint(
         v=np.concatenate([corners[:1], np.diff(corners), p, np.hstack(X).T.ravel(), *V, *Y, *Z])
+        / layout.sizes
     )
 
 
@@ -145,7 +163,7 @@ def lift(layout: Layout, point: NLPPoint) -> Solution:
     """Return a point as a solution, with costates by the covector map and densities of the
     constraints' multipliers.
     """
-    problem = layout.phased.of
+    problem, point = layout.phased.of, layout.restored(point)
     p = point.v[layout.parameters]
     arcs = tuple(_arc(layout, point, k) for k in range(len(layout.tables)))
     return Solution(

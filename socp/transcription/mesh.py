@@ -10,7 +10,18 @@ import numpy as np
 from scipy import sparse
 
 from socp.errors import MethodError
-from socp.model import Arc, coincident, legendre_coefficients
+from socp.model import (
+    Arc,
+    Problem,
+    Solution,
+    coincident,
+    evaluate,
+    legendre_coefficients,
+    objective_size,
+    parameters_of,
+    running_function,
+    scales,
+)
 from socp.transcription.schemes import Scheme, Side, lgr
 
 Mesh = Sequence[tuple[float, Scheme]]  # intervals of one phase: (share of its length, scheme)
@@ -115,35 +126,55 @@ _BEYOND = 0.01
 _CROWD = 64  # intervals in one arc; what is not smooth by then is no arc
 
 
-def tails(arc: Arc, scale: np.ndarray) -> np.ndarray:
-    """Return the last two Legendre coefficients of every interval's states (k,), relative to scale
-    (nx,).
+def tails(arc: Arc, values: np.ndarray) -> np.ndarray:
+    """Return the last two Legendre coefficients of values (rows, n) at an arc's nodes, the largest
+    of every interval (k,).
     """
     sizes = []
     for k in range(len(arc.mesh) - 1):
         nodes = arc.nodes(k)
-        t, x = arc.t[nodes], arc.x[:, nodes]
+        t, rows = arc.t[nodes], values[:, nodes]
         if coincident(t):
             sizes.append(0.0)
             continue
-        last = legendre_coefficients(t, x.T, (t[0], t[-1]))[-2:]
-        sizes.append(float(np.max(np.abs(last) / scale)))
+        last = legendre_coefficients(t, rows.T, (t[0], t[-1]))[-2:]
+        sizes.append(float(np.max(np.abs(last))))
     return np.array(sizes)
 
 
+def unresolved(problem: Problem, solution: Solution) -> list[np.ndarray]:
+    """Return, an arc at a time, how much of an interval's motion its polynomials leave out (k,):
+    their last two Legendre coefficients.
+
+    Those of the states count relative to their magnitudes. Those of the running cost and of the
+    laws of the controls count by what they add up to over the interval, as a share of the objective
+    and of the box over the horizon: where a vehicle cruises its states are smooth, while the force
+    that balances a hill and the work that it does are not.
+    """
+    scale, size = scales(problem, solution)[:, None], objective_size(problem, solution)
+    width = np.diff(problem.box, axis=0).T
+    horizon, p = solution.final_time - solution.initial_time, parameters_of(problem, solution)
+    cost, found = running_function(problem), []
+    for arc in solution.arcs:
+        running = evaluate(cost, arc.x, arc.u, arc.t, p)[0] * horizon / size
+        share = np.diff(arc.t[arc.mesh]) / horizon
+        rates = tails(arc, np.vstack([running, arc.u / width])) * share
+        found.append(np.maximum(tails(arc, arc.x / scale), np.nan_to_num(rates)))
+    return found
+
+
 def refined_meshes(
-    arcs: tuple[Arc, ...], scale: np.ndarray, points: int, tolerance: float
+    arcs: tuple[Arc, ...], left: list[np.ndarray], points: int, tolerance: float
 ) -> list[Mesh] | None:
-    """Return meshes that split every interval into as many as the tolerance needs, None where all
-    have converged.
+    """Return meshes that split every interval into as many as the tolerance needs for what it
+    leaves out, None where all have converged.
     """
     meshes: list[Mesh] = []
     grown = False
-    for arc in arcs:
+    for arc, tail in zip(arcs, left, strict=True):
         ends = arc.t[arc.mesh]
         shares = np.full(ends.size - 1, 1.0) if coincident(ends) else np.diff(ends)
         # the error of an interval falls with its length to the power of its degree
-        tail = tails(arc, scale)
         parts = np.ceil(
             np.clip((tail / (_BEYOND * tolerance)) ** (1.0 / points), 1.0, _GROWTH)
         ).astype(int)

@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from socp.errors import ProblemError
+from socp.laws import completed, independent
 from socp.model import (
     SHORTEST,
     Arc,
@@ -205,8 +206,12 @@ def _with_multipliers(along: AdjointSystem, z: np.ndarray) -> tuple[Arc, ...]:
 def judge(problem: Problem, solution: Solution) -> Solution:
     """Return a solution with its structure, its verification, its verdict and its problem, all
     worked out anew.
+
+    It is verified against all end conditions, and certified with multipliers of those that do not
+    follow from others by what motions conserve: those of the rest are any.
     """
     solution = with_statement(problem, solution)
+    stated, problem = completed(problem), independent(problem)
     values = [each for arc in solution.arcs for each in (arc.x, arc.u)]
     values.append(np.array(list(solution.parameters.values()), dtype=float))
     if not all(np.isfinite(each).all() for each in values):
@@ -218,7 +223,7 @@ def judge(problem: Problem, solution: Solution) -> Solution:
     ):  # what overflows is infinite or nan, and no condition holds with either
         solution = replace(solution, structure=structure_of(problem, solution))
         learn(problem, solution)
-        solution = replace(solution, verified=verify(problem, solution))
+        solution = replace(solution, verified=verify(stated, solution))
     integrated = time.perf_counter()
     try:
         with np.errstate(all="ignore"):

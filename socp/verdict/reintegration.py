@@ -29,6 +29,7 @@ from socp.model import (
     end_values,
     evaluate,
     lagrange,
+    magnitude,
     mayer_function,
     once,
     parameters_of,
@@ -117,9 +118,9 @@ def objective_of(
         return evaluate(cost, states, u, t, p)[0].ravel()
 
     value = running + float(last(x[:, -1])[0])
-    terms = _magnitude(within, x, scale[:, None])
+    terms = magnitude(within, x, scale[:, None])
     size = float(
-        np.sum(0.5 * (terms[1:] + terms[:-1]) * np.diff(t)) + _magnitude(last, x[:, -1], scale)[0]
+        np.sum(0.5 * (terms[1:] + terms[:-1]) * np.diff(t)) + magnitude(last, x[:, -1], scale)[0]
     )
     off = abs(solution.objective - value)
     # nan is far from everything
@@ -134,20 +135,6 @@ def running_size(problem: Problem, solution: Solution) -> float:
     values = evaluate(running_function(problem), *given)[0].ravel()
     found = float(np.nansum(0.5 * np.abs(values[1:] + values[:-1]) * np.diff(solution.t)))
     return found if 0.0 < found < np.inf else 1.0
-
-
-def _magnitude(
-    function: Callable[[np.ndarray], np.ndarray], x: np.ndarray, scale: np.ndarray
-) -> np.ndarray:
-    """Return a function's absolute value and, added, the least change when the states go up or down
-    by their own.
-
-    The lesser of the two: towards a pole, or where it grows exponentially, a function may change by
-    any amount.
-    """
-    here = function(x)
-    change = np.fmin(np.abs(function(x + scale) - here), np.abs(function(x - scale) - here))
-    return np.array(np.abs(here) + np.where(np.isfinite(change), change, 0.0))
 
 
 RTOL = 1e-10  # of DOP853; what is compared with it is seldom better than 1e-9

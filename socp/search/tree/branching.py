@@ -227,8 +227,8 @@ class Branching:
         the ledger.
         """
         found = insertions(self.coarse.problem, solution, self.modes)
-        scale = scales(self.coarse.problem, solution)
-        off = max(float(tails(arc, scale).max()) for arc in solution.arcs)
+        scale = scales(self.coarse.problem, solution)[:, None]
+        off = max(float(tails(arc, arc.x / scale).max()) for arc in solution.arcs)
         level = -(_PAYS + off) * magnitude(self.coarse.problem, solution)
         paying = [each for each in found if each.slope < level]
         slopes: dict[tuple[int, Modes], float] = {}

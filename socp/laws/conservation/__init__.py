@@ -1,0 +1,1 @@
+"""What motions conserve, and which end conditions depend on others by it."""

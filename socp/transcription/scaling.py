@@ -1,0 +1,130 @@
+"""The magnitudes in which a programme is written, so that the units of a problem do not matter to
+its solver.
+"""
+
+from dataclasses import dataclass, replace
+from typing import final
+
+import casadi
+import numpy as np
+
+from socp.laws import admissible
+from socp.model import (
+    Expr,
+    Problem,
+    Solution,
+    end_values,
+    evaluate,
+    objective_size,
+    parameters_of,
+    time,
+)
+from socp.transcription.phases import Phase
+
+# Of what motions reach from the start: a state that a guess hardly moves is taken for at least as
+# large. A guess may say nothing of it; motions with constant controls may take it too far
+_MOVED = 1e-2
+# What the objective counts in a programme: the barrier of an interior point method begins at 0.1,
+# which should be a small share of it
+_WEIGHT = 10.0
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scale:
+    """The magnitudes of time, states (nx,), parameters (np,) and objective, and a solution near
+    which they were found, None where all are 1. The objective's is such that a programme minimises
+    something of size `_WEIGHT`.
+    """
+
+    time: float
+    x: np.ndarray
+    p: np.ndarray
+    cost: float
+    near: Solution | None
+
+    @classmethod
+    def of(cls, problem: Problem, near: Solution | None) -> "Scale":
+        """Return the magnitudes of a problem near a solution or a guess; all 1 without one."""
+        nx, names = problem.x.numel(), problem.parameter_names
+        if near is None:
+            return cls(time=1.0, x=np.ones(nx), p=np.ones(len(names)), cost=1.0, near=None)
+        near = replace(near, parameters={name: near.parameters.get(name, 0.0) for name in names})
+        return cls(
+            time=near.final_time - near.initial_time,
+            x=_states(problem, near),
+            p=_widths(problem.parameter_box),
+            cost=objective_size(problem, near) / _WEIGHT,
+            near=near,
+        )
+
+    @property
+    def costate(self) -> np.ndarray:
+        """Magnitudes of the costates (nx,): of the objective over those of the states."""
+        found: np.ndarray = self.cost / self.x
+        return found
+
+    def control(self, phase: Phase) -> np.ndarray:
+        """Return the widths (nv,) of the boxes of a phase's free controls."""
+        return _widths(phase.box) if self.near is not None else np.ones(phase.box.shape[1])
+
+    def law(self, problem: Problem, i: int) -> float:
+        """Return the width of the box of a control that follows a law."""
+        return 1.0 if self.near is None else float(_widths(problem.box[:, i : i + 1])[0])
+
+    def path(self, problem: Problem, expression: Expr) -> float:
+        """Return how much an expression of x, t, p changes by all magnitudes, at most, near the
+        solution; 1 where nothing changes it.
+        """
+        return self._change(problem, expression, casadi.SX(0, 1))
+
+    def joint(self, problem: Problem, phase: Phase, row: Expr) -> float:
+        """Return the same of an expression of x, t, p and what a phase carries, the costate."""
+        return self._change(problem, row, phase.carried)
+
+    def condition(self, problem: Problem, slopes: casadi.Function) -> float:
+        """Return the same of an end condition, from its slopes as a function of the ends."""
+        if self.near is None:
+            return 1.0
+        found = slopes(*end_values(problem, self.near))
+        sizes = (self.x, self.x, self.p, np.array([self.time]), np.array([self.time]))
+        return _size(sum(float(np.abs(s.full()[0]) @ z) for s, z in zip(found, sizes, strict=True)))
+
+    def _change(self, problem: Problem, row: Expr, carried: Expr) -> float:
+        if self.near is None:
+            return 1.0
+        t, p = self.near.t, parameters_of(problem, self.near)
+        sizes = [self.x, self.costate[: carried.numel()], np.array([self.time]), self.p]
+        given = [problem.x, carried, time, problem.p]
+        slopes = casadi.fabs(casadi.jacobian(row, casadi.vertcat(*given)))
+        total = casadi.mtimes(slopes, casadi.DM(np.concatenate(sizes)))
+        costate = np.repeat(sizes[1][:, None], t.size, axis=1)
+        function = casadi.Function("change", given, [total])
+        values = evaluate(function, self.near.rows("x"), costate, t, p)[0]
+        return _size(float(values[np.isfinite(values)].max(initial=0.0)))
+
+
+def _states(problem: Problem, near: Solution) -> np.ndarray:
+    """Return the magnitudes of the states (nx,): what they reach near a solution, at their given
+    ends, and in part by motions from the start; else their bounds'.
+    """
+    ends = np.vstack([problem.start_box, problem.end_box])
+    named = np.where(np.isfinite(ends), np.abs(ends), 0.0).max(axis=0)
+    own = np.abs(np.nan_to_num(near.rows("x"), posinf=0.0, neginf=0.0)).max(axis=1)
+    moved = np.sqrt(np.mean(admissible(problem)[1 : 1 + named.size] ** 2, axis=1))
+    moved = np.where(np.isfinite(moved), moved, 0.0)
+    size = np.maximum(named, own)
+    size = np.where(size > 0, np.maximum(size, _MOVED * moved), moved)
+    box = np.where(np.isfinite(problem.state_box), np.abs(problem.state_box), 0.0).max(axis=0)
+    size = np.where(size > 0, size, box)
+    return np.where(size > 0, size, 1.0)
+
+
+def _widths(box: np.ndarray) -> np.ndarray:
+    """Return the widths (n,) of intervals (2, n), 1 where they have none."""
+    width = box[1] - box[0]
+    return np.where(np.isfinite(width) & (width > 0), width, 1.0)
+
+
+def _size(value: float) -> float:
+    return value if 0.0 < value < np.inf else 1.0
