@@ -29,6 +29,7 @@ from .findings import Agreement as Agreement
 from .findings import Condition as Condition
 from .findings import Feasibility as Feasibility
 from .findings import Finding as Finding
+from .findings import Grade as Grade
 from .findings import Node as Node
 from .findings import Place as Place
 from .findings import Verdict as Verdict
@@ -69,6 +70,7 @@ from .symbols import parameters as parameters
 from .symbols import states as states
 from .symbols import time as time
 from .tolerances import ACTIVE as ACTIVE
+from .tolerances import APPROXIMATE as APPROXIMATE
 from .tolerances import AT_BOUND as AT_BOUND
 from .tolerances import COMPARED as COMPARED
 from .tolerances import EXTREMAL as EXTREMAL

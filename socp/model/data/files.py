@@ -18,6 +18,7 @@ from socp.model.findings import (
     Condition,
     Feasibility,
     Finding,
+    Grade,
     Node,
     Place,
     Verdict,
@@ -195,6 +196,8 @@ def _verdict(data: Mapping[str, Any], stretches: Mapping[str, Place]) -> Verdict
         "notes": tuple(data["notes"]),
     }
     given["chattering"] = tuple(data["chattering"])
+    grade = data.get("grade")
+    given["grade"] = None if grade is None else Grade(**_numbers(grade))
     return Verdict(**given)
 
 
