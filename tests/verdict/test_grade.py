@@ -27,7 +27,16 @@ from socp import (
     states,
     uniform,
 )
-from socp.model import APPROXIMATE, Arc, Grade, mayer_function, rate_function, running_function
+from socp.model import (
+    APPROXIMATE,
+    Arc,
+    Grade,
+    from_json,
+    mayer_function,
+    rate_function,
+    running_function,
+    to_json,
+)
 from socp.model.symbols import time
 from socp.registry.plugins import Registry
 from socp.registry.standard import STANDARD, turning_back
@@ -351,16 +360,16 @@ def test_what_is_certified_or_infeasible_has_no_grade() -> None:
 
 def test_a_grade_is_read_back_and_older_files_have_none() -> None:
     solution = solved("fuller", "trapezoid 120")
-    again = Solution.from_json(solution.to_json())
+    again = from_json(to_json(solution))
     assert solution.verdict is not None
     assert again.verdict is not None
     assert again.verdict.grade == solution.verdict.grade
     assert again.verdict.approximate
     assert solution.verdict.grade is not None
-    text = solution.to_json()
+    text = to_json(solution)
     begin = text.index('"grade":')
     older = text[:begin].rstrip().rstrip(",") + text[text.index("}", begin) + 1 :]
-    read = Solution.from_json(older).verdict
+    read = from_json(older).verdict
     assert read is not None
     assert read.grade is None
     assert not read.approximate
