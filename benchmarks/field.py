@@ -6,7 +6,7 @@ of the folder, with no option, and prints rung, objective, distance from the val
 FOLDER/truth.json, seconds and word, then one of four classes:
 
 - certified: an extremal, and as good as known to six digits or all that are trusted;
-- near: not certified, feasible, and as good as known to four digits;
+- near: not certified, approximately extremal, and as good as known to four digits;
 - honest: nothing certified, nothing claimed that is not so;
 - wrong: certified and worse than known, a crash, or no answer within the time.
 
@@ -98,6 +98,8 @@ def judged(
         rung = (
             "extremal"
             if verdict.get("extremal")
+            else "approx"
+            if verdict.get("approximate")
             else "feasible"
             if verdict.get("feasible")
             else "infeasible"
@@ -107,7 +109,7 @@ def judged(
     elif rung == "extremal":
         kind = "certified" if worse <= max(CERTIFIED, trusted) else "wrong"
     else:
-        kind = "near" if rung == "feasible" and abs(worse) <= max(NEAR, trusted) else "honest"
+        kind = "near" if rung == "approx" and abs(worse) <= max(NEAR, trusted) else "honest"
     return Row(name, rung, value, known, took, answer.get("word") or "", kind)
 
 

@@ -64,6 +64,8 @@ def section(name: str, title: str, result: Path) -> str:
     judged = (
         "an extremal of Pontryagin's principle"
         if solution.extremal
+        else "approximately extremal, not certified"
+        if solution.verdict is not None and solution.verdict.approximate
         else "feasible, not certified as an extremal"
     )
     return (

@@ -83,7 +83,7 @@ def _better(problem: "Problem", path: Path, new: "Solution") -> bool:
     """
     from socp.methods import check_solution
     from socp.model import load
-    from socp.verdict import judge
+    from socp.verdict import certified
 
     try:
         old = load(path)
@@ -93,7 +93,7 @@ def _better(problem: "Problem", path: Path, new: "Solution") -> bool:
             abs(old.objective), abs(new.objective)
         ):
             return False
-        return bool(judge(problem, check_solution(old.method, problem, old)).extremal)
+        return bool(certified(problem, check_solution(old.method, problem, old)).extremal)
     except (
         SocpError,
         ArithmeticError,

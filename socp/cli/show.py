@@ -53,10 +53,12 @@ def plain(verdict: "Verdict") -> dict[str, Any]:
     """Return a verdict as plain values, what follows from them included."""
     derived = {
         name: getattr(verdict, name)
-        for name in ("feasible", "extremal", "residual", "reasons", "rings")
+        for name in ("feasible", "extremal", "approximate", "residual", "reasons", "rings")
     }
     own = {each.name: getattr(verdict, each.name) for each in fields(verdict)}
-    return {**derived, **own, "findings": [finding.data for finding in verdict.findings]}
+    own["findings"] = [finding.data for finding in verdict.findings]
+    own["grade"] = None if verdict.grade is None else asdict(verdict.grade)
+    return {**derived, **own}
 
 
 def variations(solution: "Solution") -> dict[str, float]:

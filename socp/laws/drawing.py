@@ -13,7 +13,7 @@ from socp.model import (
     mayer_function,
     rate_function,
     running_function,
-    sizes,
+    shown_sizes,
     time,
 )
 
@@ -82,7 +82,8 @@ def _reach(problem: Problem, x0: np.ndarray, xf: np.ndarray) -> np.ndarray:
     function = casadi.Function(
         "target", [problem.x, *start], [values, casadi.jacobian(values, problem.x)]
     )
-    size = sizes(problem, np.column_stack([x0, xf]))
+    shown = shown_sizes(problem, np.column_stack([x0, xf]))
+    size = np.where(shown > 0, shown, 1.0)
     movable = size * (problem.end_box[0] < problem.end_box[1])
     for _ in range(
         30

@@ -25,12 +25,14 @@ from .evaluation import parameters_of as parameters_of
 from .evaluation import rate_function as rate_function
 from .evaluation import running_function as running_function
 from .evaluation import scales as scales
+from .evaluation import shown_sizes as shown_sizes
 from .evaluation import sizes as sizes
 from .findings import NOWHERE as NOWHERE
 from .findings import Agreement as Agreement
 from .findings import Condition as Condition
 from .findings import Feasibility as Feasibility
 from .findings import Finding as Finding
+from .findings import Grade as Grade
 from .findings import Node as Node
 from .findings import Place as Place
 from .findings import Verdict as Verdict
@@ -71,6 +73,7 @@ from .symbols import parameters as parameters
 from .symbols import states as states
 from .symbols import time as time
 from .tolerances import ACTIVE as ACTIVE
+from .tolerances import APPROXIMATE as APPROXIMATE
 from .tolerances import AT_BOUND as AT_BOUND
 from .tolerances import COMPARED as COMPARED
 from .tolerances import EXTREMAL as EXTREMAL

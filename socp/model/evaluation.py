@@ -147,14 +147,22 @@ def sizes(problem: Problem, t: np.ndarray, x: np.ndarray, p: np.ndarray) -> np.n
     One that stays at zero, but for rounding, has the size of how far the box of the controls could
     take it, at the rate where it begins.
     """
-    given = np.vstack([problem.state_box, problem.start_box, problem.end_box])
-    given = np.where(np.isfinite(given), np.abs(given), 0.0).max(axis=0)
-    magnitude: np.ndarray = np.maximum(given, np.nanmax(np.abs(x), axis=1, initial=0.0))
+    magnitude = shown_sizes(problem, x)
     rate = rate_function(problem)
     ends = [np.abs(rate(x[:, 0], u, t[0], p).full().ravel()) for u in problem.box]
     reach = np.nan_to_num(np.max(ends, axis=0) * (t[-1] - t[0]), posinf=0.0)
     here = (magnitude > 0) & (magnitude > ROUNDED * reach)
     return np.where(here, magnitude, np.where(reach > 0, reach, 1.0))
+
+
+def shown_sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
+    """Return the magnitude of every state (nx,): the largest of its bounds, its ends and its size
+    on states (nx, n); 0 where all are.
+    """
+    given = np.vstack([problem.state_box, problem.start_box, problem.end_box])
+    given = np.where(np.isfinite(given), np.abs(given), 0.0).max(axis=0)
+    magnitude: np.ndarray = np.maximum(given, np.nanmax(np.abs(x), axis=1, initial=0.0))
+    return magnitude
 
 
 def objective_size(problem: Problem, solution: Solution) -> float:

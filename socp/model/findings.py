@@ -1,6 +1,4 @@
-"""Records of a solution: how feasible it is, what a search tried, how far two computations of it
-agree.
-"""
+"""Records of a solution: how feasible it is, what a search tried, and what the judge finds."""
 
 import math
 from collections.abc import Mapping
@@ -11,7 +9,7 @@ from typing import Any, final
 import numpy as np
 
 from socp.model.data.views import view
-from socp.model.tolerances import EXTREMAL, FEASIBLE, TINY
+from socp.model.tolerances import APPROXIMATE, EXTREMAL, FEASIBLE, TINY
 from socp.model.word import Mode
 
 
@@ -109,6 +107,8 @@ class Agreement:
 
 # half as much variation again as the control's running mean: more than the shape of any arc adds
 RINGS = 1.5
+# of the largest curvature along a singular arc: against it by more than the noise of a good grid
+AGAINST = 1e-2
 
 
 class Condition(Enum):
@@ -245,6 +245,32 @@ class Finding:
 
 @final
 @dataclass(frozen=True, kw_only=True)
+class Grade:
+    """How far the objective is from that of the extremal nearby (`socp.verdict.grading.grade`).
+
+    In its units, `error`: of the objective, as returned and as reached; `objective`: that of the
+    Lagrangian; `gain`: what better controls would gain; `dynamics`, `ends`, `path`: multipliers
+    times what is missed of these; `size`: the magnitude of its terms. `curvature`, relative: the
+    Legendre-Clebsch expression at its worst on singular arcs that are no switches.
+    """
+
+    objective: float
+    error: float
+    gain: float
+    dynamics: float
+    ends: float
+    path: float
+    size: float
+    curvature: float
+
+    @property
+    def curved(self) -> bool:
+        """Whether no singular arc is clearly of the wrong curvature."""
+        return self.curvature >= -AGAINST
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
 class Verdict:
     """The judgement of one solution by `socp.verdict.certify.certify`.
 
@@ -271,7 +297,8 @@ class Verdict:
       is as small as there);
     - remaining_error: the part of objective_error that is left where the tolerance of
       re-integration does not count;
-    - digits: significant digits of the objective that objective_error leaves.
+    - digits: significant digits of the objective that objective_error leaves;
+    - grade: of a feasible solution that is no extremal, how far its objective is from one's.
     """
 
     miss: float
@@ -290,6 +317,7 @@ class Verdict:
     notes: tuple[str, ...] = ()
     miss_at: str = ""
     drift: float = 0.0
+    grade: Grade | None = None
 
     @property
     def feasible(self) -> bool:
@@ -341,6 +369,15 @@ class Verdict:
         signs included.
         """
         return bool(self.findings) and not self.reasons
+
+    @property
+    def approximate(self) -> bool:
+        """Whether it is approximately extremal: feasible in its states too, no extremal by the
+        letter, its objective within `APPROXIMATE`, its singular arcs of the right curvature.
+        """
+        grade = self.grade
+        near = grade is not None and grade.error <= APPROXIMATE * grade.size and grade.curved
+        return near and max(self.miss, self.drift) <= FEASIBLE and not self.extremal
 
     def _repr_html_(self) -> str:
         shown: str = view("html")(self)

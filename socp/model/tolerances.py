@@ -45,6 +45,9 @@ LAWS = 5.0
 # one per cent of the magnitude of states and objective: what a second-order grid of some hundred
 # steps reaches
 FEASIBLE = 1e-2
+# error of the objective, relative to its terms, up to which a solution is approximately extremal:
+# three digits. The estimate is of first order; what it leaves is of the second, 1e-6 of the terms
+APPROXIMATE = 1e-3
 # residuals of the principle, relative to the Hamiltonian's own terms: six digits, which no grid
 # reaches by luck
 EXTREMAL = 1e-6

@@ -14,7 +14,7 @@ from socp.search.effort import Ration, Search, clearly, off, precedes
 from socp.search.refinement import refine
 from socp.solvers import Backend, default_backend
 from socp.transcription import Mesh, euler, single_phase, trapezoid, uniform
-from socp.verdict import chattering, judge, verify
+from socp.verdict import certified, chattering, graded, judge, verify
 
 # Iterations times variables from a point that betters a certified one: half of what a search may do
 _FURTHER = 5e5
@@ -50,7 +50,7 @@ def conclude(
     certain = next(
         (
             each
-            for each in (judge(problem, one) for one in solved[:2] if seconds_left() > 0.0)
+            for each in (certified(problem, one) for one in solved[:2] if seconds_left() > 0.0)
             if each.extremal
         ),
         None,
@@ -78,10 +78,9 @@ def foremost(
     direct = _best(finer, directs, word)
     if direct is None:
         return word, ""
-    direct = judge(problem, direct)
     if word is None:
         return direct, "this is a direct solution"
-    if precedes(direct, word):
+    if _before(direct, graded(problem, word)):
         other = f"the best word tried, {word.word}, reaches {_reaches(word)}"
         return direct, f"this is a direct solution; {other}"
     return word, f"this is the best word tried; the best direct solution reaches {_reaches(direct)}"
@@ -168,8 +167,8 @@ def explanation(problem: Problem, search: Search) -> str:
 
 
 def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -> Solution | None:
-    """Return the best direct solution, verified: of those that claim less than the word where that
-    is feasible.
+    """Return the best direct solution, judged: of those that claim less than the word where that is
+    feasible.
 
     The grids on which words are looked for are coarse, and their controls often miss what they
     claim: it is solved on finer ones too, whose controls keep their box between the nodes.
@@ -179,25 +178,40 @@ def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -
         each for each in directs if word is None or not feasible or each.objective < word.reached
     ]
     if not worth:
-        return (
-            _verified(problem, min(directs, key=lambda each: each.objective)) if directs else None
-        )
+        return judge(problem, min(directs, key=lambda each: each.objective)) if directs else None
     worth.sort(key=lambda each: each.arcs[0].t.size)  # the finer, the longer it takes
     best = _first(
         [_verified(problem, each) for k, each in enumerate(worth) if k == 0 or seconds_left() > 0.0]
     )
     found = [finer(best, mesh) for mesh in _FINER]
-    return _first(
-        [best, *(_verified(problem, each) for each in found if each is not None and each.stop.ok)]
-    )
+    solved = [best, *(each for each in found if each is not None and each.stop.ok)]
+    return _first([judge(problem, each) for each in solved])
 
 
 def _first(solutions: Sequence[Solution]) -> Solution:
     """Return the one that goes before the others."""
     best = solutions[0]
     for each in solutions[1:]:
-        best = each if precedes(each, best) else best
+        best = each if _before(each, best) else best
     return best
+
+
+def _before(one: Solution, other: Solution) -> bool:
+    """Tell whether one solution is to be preferred: as `precedes` does, but for one that reaches no
+    more than another and is the nearer to an extremal by the error that its verdict states.
+    """
+    for better, worse in ((one, other), (other, one)):
+        if better.reached <= worse.reached and _stated(better) < _stated(worse):
+            return better is one
+    return precedes(one, other)
+
+
+def _stated(solution: Solution) -> float:
+    """Return the error of the objective that a verdict states, infinite where it states none."""
+    verdict = solution.verdict
+    if verdict is None or verdict.grade is None or not verdict.approximate:
+        return float("inf")
+    return verdict.grade.error
 
 
 def _verified(problem: Problem, solution: Solution) -> Solution:

@@ -9,7 +9,7 @@ from socp.methods import Follower, polished, sound
 from socp.model import TINY, Agreement, Problem, Solution, Stop, Watch, Word, silent
 from socp.search.neighbours import without_arc, word_of
 from socp.solvers import Solver
-from socp.verdict import judge
+from socp.verdict import certified
 
 _FINER = (
     1e-9,
@@ -32,7 +32,7 @@ def with_agreement(
     """
     solution = settled(problem, solution, backend, watch)
     found = polished(problem, solution)
-    best = solution if found is None else judge(problem, found)
+    best = solution if found is None else certified(problem, found)
     best = best if best.extremal else solution
     return best if agrees(best, digits) else _compared(problem, best, (digits, backend), watch)
 
@@ -63,7 +63,7 @@ def settled(
             break
         if merged.stop is Stop.INTERRUPTED:
             return replace(solution, stop=Stop.INTERRUPTED, message=merged.message)
-        judged = judge(problem, merged.after(solution)) if merged.stop.ok else merged
+        judged = certified(problem, merged.after(solution)) if merged.stop.ok else merged
         if not judged.extremal or not sound(problem, judged) or _is_worse(judged, solution):
             break
         solution = judged
@@ -108,7 +108,7 @@ def _compared(
         if finer.stop is Stop.INTERRUPTED:
             return replace(best, stop=Stop.INTERRUPTED, message=finer.message)
         judged = (
-            judge(problem, replace(finer.after(last), agreement=apart(last, finer)))
+            certified(problem, replace(finer.after(last), agreement=apart(last, finer)))
             if finer.stop.ok
             else finer
         )

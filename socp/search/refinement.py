@@ -15,7 +15,7 @@ from socp.search.candidate import Candidate
 from socp.search.effort import Ration, Search
 from socp.search.mending import mends, starts, substitutes
 from socp.search.reading import read, with_hidden_bangs
-from socp.verdict import judge, learn
+from socp.verdict import certified, learn
 
 _SOLVES = 40  # words tried before the search from one direct solution gives up
 # Costates times their states, in the objective's units: below, a tolerance of 1e-11 costs digits
@@ -118,7 +118,8 @@ def solve_word(problem: Problem, now: Candidate, backend: Ration, watch: Watch) 
         return None
     if not solution.stop.ok:
         return solution
-    return _settled(problem, _sharpened(problem, word, judge(problem, solution), backend, watch))
+    judged = certified(problem, solution)
+    return _settled(problem, _sharpened(problem, word, judged, backend, watch))
 
 
 def _settled(problem: Problem, solution: Solution) -> Solution:
@@ -129,7 +130,7 @@ def _settled(problem: Problem, solution: Solution) -> Solution:
     if solution.extremal or verdict is None or not max(verdict.residual, verdict.miss) <= _NEARLY:
         return solution
     found = polished(problem, solution)
-    judged = solution if found is None else judge(problem, found)
+    judged = solution if found is None else certified(problem, found)
     return judged if judged.extremal else solution
 
 
@@ -152,4 +153,4 @@ def _sharpened(
     backend.left = scaled.left
     if sharper.stop is Stop.INTERRUPTED:
         return replace(solution, stop=Stop.INTERRUPTED)
-    return judge(problem, sharper) if sharper.stop.ok else solution
+    return certified(problem, sharper) if sharper.stop.ok else solution

@@ -37,7 +37,7 @@ from socp.search import (
     word_of,
 )
 from socp.solvers import Backend
-from socp.verdict import chattering, judge
+from socp.verdict import certified, chattering
 
 _ROUNDING = 1e-11  # relative: what a difference of two objectives has to exceed to say anything
 # Times: what two ratios tell of the rest; further apart the rest is not known to its first digit
@@ -179,7 +179,7 @@ class _Trials:
         """Keep a solution among the best of its number of switches, without arcs that have
         vanished.
         """
-        solution = judge(self.problem, solution)
+        solution = certified(self.problem, solution)
         if solution.verdict is None or not solution.verdict.miss <= COMPARED:
             return False
         lean = shortened(word_of(solution), SHORTEST)

@@ -1,8 +1,11 @@
 from .accuracy import AWAY as AWAY
 from .accuracy import steps_of as steps_of
 from .accuracy import word_problem as word_problem
+from .certify import certified as certified
+from .certify import graded as graded
 from .certify import judge as judge
 from .certify import with_statement as with_statement
+from .grading.grade import grade as grade
 from .junctions import chattering as chattering
 from .lessons import learn as learn
 from .newton import Conditions as Conditions

@@ -10,6 +10,7 @@ none within tolerance.
 
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -31,6 +32,7 @@ from socp.verdict import claims, estimates, margins
 from socp.verdict.accuracy import sharpened
 from socp.verdict.adjoint import AdjointSystem, Ends, condense, unknowns_of
 from socp.verdict.conditions import conditions
+from socp.verdict.grading.grade import grade
 from socp.verdict.junctions import chattering
 from socp.verdict.lessons import learn
 from socp.verdict.multipliers import Case, multipliers
@@ -205,7 +207,25 @@ def _with_multipliers(along: AdjointSystem, z: np.ndarray) -> tuple[Arc, ...]:
 
 def judge(problem: Problem, solution: Solution) -> Solution:
     """Return a solution with its structure, its verification, its verdict and its problem, all
-    worked out anew.
+    worked out anew; one that is feasible and no extremal is graded as well.
+    """
+    return graded(problem, certified(problem, solution))
+
+
+def graded(problem: Problem, solution: Solution) -> Solution:
+    """Return a judged solution with its grade, where it is feasible and no extremal."""
+    verdict = solution.verdict
+    if verdict is None or verdict.extremal or not verdict.feasible:
+        return solution
+    began = time.perf_counter()
+    with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError, ValueError, ArithmeticError):
+        verdict = replace(verdict, grade=grade(problem, solution))
+    spent = solution.seconds.get("judge", 0.0) + time.perf_counter() - began
+    return replace(solution, verdict=verdict, seconds={**solution.seconds, "judge": spent})
+
+
+def certified(problem: Problem, solution: Solution) -> Solution:
+    """Return a solution judged as by `judge` but for its grade, which a search has no use for.
 
     It is verified against all end conditions, and certified with multipliers of those that do not
     follow from others by what motions conserve: those of the rest are any.

@@ -40,7 +40,7 @@ _INSIDE = 1e-8
 # of the largest value along the solution: what is no jump changes by less over so little of an
 # interval
 _JUMPS = 1e-6
-_BY_NODE = {"fx", "G", "cx", "fp"}  # whose first axis is the node; the others have it last
+_BY_NODE = {"fx", "G", "cx", "fp", "cp"}  # whose first axis is the node; the others have it last
 # passes that halve what is not smooth, the intervals they stop at, and the last Legendre
 # coefficients that are smooth
 _HALVINGS, _MOST, _SMOOTH = 5, 100, 1e-6
@@ -54,7 +54,8 @@ class Samples:
 
     t (n,); x (nx, n); u (nu, n); arc (n,) index of the arc of the solution; edges (k + 1,); values
     of the problem there: f (nx, n), L (n,), fx (n, nx, nx), Lx (nx, n), G (n, nx, nu), L1 (nu, n),
-    ft (nx, n), Lt (n,), c (nc, n), cx (n, nc, nx), ct (nc, n), fp (n, nx, np), Lp (np, n).
+    ft (nx, n), Lt (n,), c (nc, n), cx (n, nc, nx), ct (nc, n), fp (n, nx, np), Lp (np, n), cp
+    (n, nc, np).
     """
 
     problem: Problem
@@ -83,13 +84,13 @@ class Samples:
         either side has slopes of its own, and the point itself those of neither. Where nothing
         jumps the node itself is taken.
         """
-        found = _values(self.problem, (self.x, self.u, self.t, self.p))
+        found = values_at(self.problem, (self.x, self.u, self.t, self.p))
         first = np.arange(self.intervals) * self.width
         ends = np.concatenate([first, first + self.width - 1])
         step = _INSIDE * np.concatenate([np.diff(self.edges), -np.diff(self.edges)])
         with np.errstate(invalid="ignore"):
             x = self.x[:, ends] + found["f"][:, ends] * step
-        inside = _values(self.problem, (x, self.u[:, ends], self.t[ends] + step, self.p))
+        inside = values_at(self.problem, (x, self.u[:, ends], self.t[ends] + step, self.p))
         for name, values in found.items():
             axis = 0 if name in _BY_NODE else -1
             at, its = np.moveaxis(values, axis, -1), np.moveaxis(inside[name], axis, -1)
@@ -101,7 +102,7 @@ class Samples:
         return found
 
 
-def _values(
+def values_at(
     problem: Problem, at: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """Return the functions and slopes of a problem at points: states (nx, n), controls (nu, n),
@@ -149,6 +150,7 @@ def _named(problem: Problem) -> dict[str, Expr]:
         "cx": casadi.jacobian(c, x),
         "ct": casadi.jacobian(c, time),
         "fp": casadi.jacobian(f, p),
+        "cp": casadi.jacobian(c, p),
         "Lp": casadi.jacobian(L, p).T,
     }
 

@@ -36,6 +36,7 @@ from .report import Tone as Tone
 from .report import signed_error as signed_error
 from .report import small as small
 from .report import solution_rows as solution_rows
+from .report import stated_error as stated_error
 from .report import switching_times as switching_times
 from .report import times as times
 from .report import to_reference as to_reference

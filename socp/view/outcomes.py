@@ -11,6 +11,7 @@ class Outcome(Enum):
     """What a solve came to; the value is the sentence shown to the user."""
 
     EXTREMAL = "an answer: an extremal, certified"
+    APPROXIMATE = "an answer: approximately extremal, not certified"
     FEASIBLE = "an answer: a feasible point, not certified as an extremal"
     LIMIT = "no answer: the solver reached its limit of iterations or time"
     INFEASIBLE = "no answer: the solver found no point that satisfies the problem's conditions"
@@ -23,7 +24,7 @@ class Outcome(Enum):
     @property
     def answer(self) -> bool:
         """Whether there is a point that can be used."""
-        return self in {Outcome.EXTREMAL, Outcome.FEASIBLE}
+        return self in {Outcome.EXTREMAL, Outcome.APPROXIMATE, Outcome.FEASIBLE}
 
 
 def outcome_of(solution: "Solution") -> Outcome | None:
@@ -41,6 +42,8 @@ def outcome_of(solution: "Solution") -> Outcome | None:
         return {"LIMIT": Outcome.LIMIT, "INFEASIBLE": Outcome.INFEASIBLE}.get(
             stop.name, Outcome.FAILED
         )
+    if verdict.approximate:
+        return Outcome.APPROXIMATE
     return Outcome.FEASIBLE if verdict.feasible else Outcome.MISSED
 
 

@@ -11,11 +11,11 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any, final
 
 from socp.errors import MethodError
-from socp.model import EXTREMAL, FEASIBLE
+from socp.model import APPROXIMATE, EXTREMAL, FEASIBLE
 from socp.view.outcomes import Outcome, infeasible, outcome_of
 
 if TYPE_CHECKING:  # `socp --help` loads this module, and casadi is not worth it there
-    from socp.model import Feasibility, Problem, Solution, Verdict
+    from socp.model import Feasibility, Grade, Problem, Solution, Verdict
 
 MANY = 8  # more switching times of one control than this are counted, not listed
 _TOLD = 4  # reasons told in the report of a solution; that of its verdict tells them all
@@ -119,7 +119,16 @@ def judgement(verdict: "Verdict | None") -> str:
         return "not judged"
     if not verdict.feasible:
         return "not feasible"
+    if verdict.approximate and verdict.grade is not None:
+        return f"approximately extremal, objective within {verdict.grade.error:.0e}"
     return "extremal" if verdict.extremal else "feasible, not extremal"
+
+
+def stated_error(verdict: "Verdict | None") -> float:
+    """Return the error of the objective that a verdict stands for, nan where it stands for none."""
+    if verdict is None or not (verdict.extremal or verdict.approximate):
+        return math.nan
+    return verdict.objective_error if verdict.grade is None else verdict.grade.error
 
 
 def switching_times(solution: "Solution") -> dict[str, list[float]]:
@@ -310,6 +319,8 @@ def _judged(verdict: "Verdict", told: int) -> Iterator[Line]:
     """Yield a verdict in a few lines, with so many of its reasons."""
     margin = f"re-integration off by {verdict.miss:.1e} (allowed {FEASIBLE:.0e})"
     yield _answer(verdict.feasible, "feasible", margin)
+    if verdict.grade is not None:
+        yield _graded(verdict, verdict.grade)
     if verdict.findings:
         margin = f"residual {verdict.residual:.1e} (allowed {EXTREMAL:.0e})"
         yield _answer(verdict.extremal, "extremal", margin)
@@ -325,6 +336,17 @@ def _judged(verdict: "Verdict", told: int) -> Iterator[Line]:
         )
         yield _line(f"ringing: {', '.join(ratios)}", Tone.NOTE)
     yield from (_line(note, Tone.NOTE) for note in verdict.notes)
+
+
+def _graded(verdict: "Verdict", grade: "Grade") -> Line:
+    """Return how near a solution is to an extremal."""
+    allowed = f"(allowed {APPROXIMATE * grade.size:.1e})"
+    margin = f"objective within {grade.error:.1e} {allowed}"
+    if not verdict.approximate:
+        margin = f"objective off by up to {grade.error:.1e} {allowed}"
+    if not grade.curved:
+        margin += f", Legendre-Clebsch condition {grade.curvature:.1e}"
+    return _answer(verdict.approximate, "approximately extremal", margin)
 
 
 def _answer(holds: bool, what: str, margin: str) -> Line:

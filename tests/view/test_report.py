@@ -2,6 +2,7 @@
 
 import html
 import io
+import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,10 +16,11 @@ from socp.cli.consoles import console
 from socp.cli.outcome import code, outcome
 from socp.cli.session import Exit
 from socp.cli.show import facts, report
-from socp.model import Agreement, Stop, Verdict
+from socp.model import Agreement, Grade, Stop, Verdict
 from socp.registry import Registry
 from socp.view import Outcome, outcome_of, solution_rows, verdict_rows
 from socp.view.recording.summary import summary
+from socp.view.report import judgement, stated_error
 
 STEERING = "\x1b]0;pwn\x07 [red]a[/red] <script>b</script> *c* | d & e"
 PATH = "found.socp.json"
@@ -61,6 +63,24 @@ def exact(problem: Problem, registry: Registry) -> Solution:
     return replace(found, agreement=Agreement(objective=1e-9, switches=1e-7))
 
 
+def graded(error: float, curvature: float = 0.0) -> Grade:
+    """Return a grade of an objective whose terms are of size 1."""
+    return Grade(
+        objective=0.3,
+        error=error,
+        gain=1e-4,
+        dynamics=0.0,
+        ends=0.0,
+        path=0.0,
+        size=1.0,
+        curvature=curvature,
+    )
+
+
+def near(solution: Solution) -> Solution:
+    return replace(solution, verdict=Verdict(miss=1e-4, grade=graded(2.34e-4)))
+
+
 def kept(solution: Solution) -> Solution:
     return solution
 
@@ -80,7 +100,7 @@ def stopped(solution: Solution) -> Solution:
     return replace(solution, stop=Stop.LIMIT, message="a message of the solver")
 
 
-@pytest.mark.parametrize("changed", [kept, ringing, overclaimed, stopped])
+@pytest.mark.parametrize("changed", [kept, near, ringing, overclaimed, stopped])
 @pytest.mark.parametrize("which", ["rough", "exact"])
 def test_the_three_renderers_tell_the_same_facts(
     which: str,
@@ -99,6 +119,32 @@ def test_the_three_renderers_tell_the_same_facts(
             assert row.label in shown
             for text in row.texts:
                 assert re.sub(r"\s+", " ", text.strip()) in shown, (render, row.label)
+
+
+@pytest.mark.parametrize(
+    ("grade", "told"),
+    [
+        (graded(2.34e-4), "approximately extremal: objective within 2.3e-04 (allowed 1.0e-03)"),
+        (
+            graded(0.2),
+            "not approximately extremal: objective off by up to 2.0e-01 (allowed 1.0e-03)",
+        ),
+        (
+            graded(2.34e-4, curvature=-0.5),
+            (
+                "not approximately extremal: objective off by up to 2.3e-04 (allowed 1.0e-03), "
+                "Legendre-Clebsch condition -5.0e-01"
+            ),
+        ),
+    ],
+)
+def test_a_verdict_tells_its_grade(grade: Grade, told: str) -> None:
+    verdict = Verdict(miss=1e-4, grade=grade)
+    assert told in verdict_rows(verdict)[0].texts
+    near_one = "approximately extremal, objective within 2e-04"
+    assert (judgement(verdict) == near_one) == verdict.approximate
+    stated = stated_error(verdict)
+    assert stated == 2.34e-4 if verdict.approximate else math.isnan(stated)
 
 
 def test_an_infeasible_point_has_no_objective_no_word_and_no_reference(
@@ -132,6 +178,36 @@ def test_the_path_stands_where_there_is_a_result(problem: Problem, exact: Soluti
     [
         ({}, Outcome.EXTREMAL, Exit.SOLVED, Exit.SOLVED),
         ({"verdict": Verdict(miss=1e-4)}, Outcome.FEASIBLE, Exit.SOLVED, Exit.UNSOLVED),
+        (
+            {"verdict": Verdict(miss=1e-4, grade=graded(9e-4))},
+            Outcome.APPROXIMATE,
+            Exit.SOLVED,
+            Exit.UNSOLVED,
+        ),
+        (
+            {"verdict": Verdict(miss=1e-4, drift=0.02, grade=graded(9e-4))},
+            Outcome.FEASIBLE,
+            Exit.SOLVED,
+            Exit.UNSOLVED,
+        ),
+        (
+            {"verdict": Verdict(miss=1e-4, grade=graded(2e-3))},
+            Outcome.FEASIBLE,
+            Exit.SOLVED,
+            Exit.UNSOLVED,
+        ),
+        (
+            {"verdict": Verdict(miss=1e-4, grade=graded(9e-4, curvature=-0.5))},
+            Outcome.FEASIBLE,
+            Exit.SOLVED,
+            Exit.UNSOLVED,
+        ),
+        (
+            {"verdict": Verdict(miss=1e-4, grade=graded(9e-4)), "stop": Stop.LIMIT},
+            Outcome.LIMIT,
+            Exit.UNSOLVED,
+            Exit.UNSOLVED,
+        ),
         ({"verdict": Verdict(miss=0.5)}, Outcome.MISSED, Exit.UNSOLVED, Exit.UNSOLVED),
         (
             {"verdict": Verdict(miss=0.5), "stop": Stop.LIMIT},

@@ -22,7 +22,7 @@ from socp.errors import SocpError
 from socp.model import COMPARED
 from socp.process import heard, one_line, signals_held
 from socp.registry import Registry, load_problem, reason
-from socp.view import signed_error, small, switching_times, times, to_reference
+from socp.view import signed_error, small, stated_error, switching_times, times, to_reference
 
 if TYPE_CHECKING:
     from socp.methods import Method
@@ -185,7 +185,11 @@ def _record(problem: "Problem", row: Row, best: float) -> dict[str, Any]:
         "word": row.solution.word,
         "reference": to_reference(problem, row.solution),
     }
-    more = {"to_best": objective - best, "feasibility": worst(row.solution)}
+    more = {
+        "to_best": objective - best,
+        "within": stated_error(row.solution.verdict),
+        "feasibility": worst(row.solution),
+    }
     return {**facts(problem, row.solution), **known, **more}
 
 
@@ -231,6 +235,8 @@ def _cells(problem: "Problem", row: Row, best: float) -> dict[str, str]:
         "objective": f"{objective:.10g}",
         "to best": signed_error(objective - best),
     }
+    error = stated_error(solution.verdict)
+    cells["within"] = "-" if math.isnan(error) else small(error)
     if problem.reference is not None:
         cells["to reference"] = signed_error(objective - problem.reference.objective)
     cells["switching times"] = "\n".join(

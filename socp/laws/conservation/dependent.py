@@ -16,7 +16,7 @@ from scipy.linalg import qr
 from socp.laws import probes
 from socp.laws.conservation.quantities import conserved
 from socp.laws.drawing import guessed_ends, horizon
-from socp.model import FEASIBLE, Expr, Problem, column, end_symbols, once, sizes, time
+from socp.model import FEASIBLE, Expr, Problem, column, end_symbols, once, shown_sizes, time
 
 _PASSES = 80  # Gauss-Newton steps; at a touching point each halves the distance
 _STRAY = 0.3  # of sizes: how far free ends are moved first, off points that are special
@@ -92,7 +92,9 @@ class _Ends:
         first = problem.initial_time_box[0] if np.isfinite(problem.initial_time_box[0]) else 0.0
         times = np.array([first, first + horizon(problem)])
         given = np.concatenate([last, start, np.clip(0.0, *problem.parameter_box), times])
-        known = np.array([probes.spread(problem)[1 : 1 + last.size], sizes(problem, last[:, None])])
+        known = np.array(
+            [probes.spread(problem)[1 : 1 + last.size], shown_sizes(problem, last[:, None])]
+        )
         size = np.concatenate([known.max(axis=0)] * 2 + [np.ones(p.numel()), [np.ptp(times)] * 2])
         held = [xf[i] - last[i] for i in fixed] + equations
         held += [x0[i] - v for i, v in _fixed(problem.start_box)]

@@ -21,6 +21,7 @@ from socp.model.findings import (
     Condition,
     Feasibility,
     Finding,
+    Grade,
     Node,
     Place,
     Verdict,
@@ -165,7 +166,8 @@ def _finding(data: Mapping[str, Any], stretches: Mapping[str, Place]) -> Finding
 def _verdict(data: Mapping[str, Any], stretches: Mapping[str, Place]) -> Verdict:
     findings = tuple(_finding(each, stretches) for each in data["findings"])
     margins = {stretches.get(k, Place(of=k)): margin for k, margin in data["margins"].items()}
-    return Verdict(**{**data, "findings": findings, "margins": margins})
+    graded = data["grade"] and Grade(**data["grade"])
+    return Verdict(**{**data, "findings": findings, "margins": margins, "grade": graded})
 
 
 def _arc(data: Mapping[str, Any]) -> Arc:

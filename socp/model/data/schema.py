@@ -71,6 +71,19 @@ class Finding(Record):
     mode: str = ""
 
 
+class Grade(Record):
+    """How near a solution is to an extremal."""
+
+    objective: Number
+    error: Number
+    gain: Number
+    dynamics: Number
+    ends: Number
+    path: Number
+    size: Number
+    curvature: Number
+
+
 class Verdict(Record):
     """What the judge found."""
 
@@ -90,6 +103,7 @@ class Verdict(Record):
     flat: tuple[tuple[float, Number], ...] = ()
     miss_at: str = ""
     drift: Number = 0.0
+    grade: Grade | None = None  # older files have none
 
 
 class Agreement(Record):
