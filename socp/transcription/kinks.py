@@ -9,7 +9,19 @@ import casadi
 import numpy as np
 from scipy.optimize import brentq
 
-from socp.model import SAME_TIME, Arc, Expr, Solution, column, fold, join, parameters_of, time
+from socp.model import (
+    SAME_TIME,
+    Arc,
+    Expr,
+    Problem,
+    Solution,
+    column,
+    evaluate,
+    fold,
+    join,
+    parameters_of,
+    time,
+)
 from socp.transcription.mesh import Mesh, table, uniform
 from socp.transcription.phases import Phase, PhasedProblem
 from socp.transcription.schemes import lgr
@@ -110,6 +122,18 @@ def cut_at_kinks(
         meshes,
         pieces,
     )
+
+
+def smooth(problem: Problem, solution: Solution) -> bool:
+    """Tell whether dynamics and running cost have no kink anywhere where a solution goes."""
+    given = [problem.x, problem.u, time, problem.p]
+    found = kinks(casadi.vertcat(problem.rate, problem.lagrangian), casadi.vertcat(*given))
+    if not found.numel():
+        return True
+    function = casadi.Function("kinks", given, [casadi.densify(found)])
+    p = parameters_of(problem, solution)
+    values = evaluate(function, solution.rows("x"), solution.rows("u"), solution.t, p)[0]
+    return bool((values.min(axis=1) * values.max(axis=1) > 0.0).all())
 
 
 def rejoin(solution: Solution, pieces: list[int]) -> Solution:

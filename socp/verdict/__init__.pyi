@@ -1,4 +1,3 @@
-from .accuracy import AWAY as AWAY
 from .accuracy import steps_of as steps_of
 from .accuracy import word_problem as word_problem
 from .certify import certified as certified
@@ -9,7 +8,7 @@ from .grading.grade import grade as grade
 from .junctions import chattering as chattering
 from .lessons import learn as learn
 from .newton import Conditions as Conditions
-from .newton import System as System
+from .newton import settled as settled
 from .reintegration import verify as verify
 from .structure import constraint_values as constraint_values
 from .structure import misfit as misfit

@@ -1,0 +1,167 @@
+"""The finite-dimensional problem that a word induces: its objective as a function of arc lengths,
+times, parameters and free initial states alone.
+
+The states at the ends of the intervals follow from these by the shooting equations, and go first:
+what is left is a small symmetric matrix on the kernel of the end conditions.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import final
+
+import numpy as np
+
+from socp.model import TINY, Curvature, Problem, Solution
+from socp.transcription import PhasedProblem, Shooting
+from socp.verdict.accuracy import word_problem, steps_of
+from socp.verdict.newton import Conditions, Settled, settled
+
+# Of the largest multiplier: that of an inequality which is less may be zero, and its limit no more
+# than touched
+_WEAK = 1e-8
+# Of the largest singular value of the end conditions: a smaller one is rounding
+_RANK = 1e-10
+# Of the terms of an entry: doubling the steps of the motion changes it by as much (`accuracy`)
+_MOTION = 1e-13
+# Times its error: an eigenvalue as large has its sign with a digit to spare
+CLEAR = 10.0
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Induced:
+    """Derivatives of a word's objective at its extremal, in variables q: initial time, lengths,
+    parameters, initial states, and what phases carry from their entry on.
+
+    All variables are scaled by their magnitudes. `outer` (nq,) are the places of q; `lift` (n, nq)
+    gives the change of all shooting variables; `hessian` (nq, nq) is that of the Lagrangian,
+    `rounding` (nq, nq) what its terms add up to in absolute value; `rows` (r, nq) are the end
+    conditions and entry conditions, `weak` (r,) marks inequalities whose multiplier may be zero.
+    """
+
+    conditions: Conditions
+    at: np.ndarray
+    held: np.ndarray
+    outer: np.ndarray
+    lift: np.ndarray
+    hessian: np.ndarray
+    rounding: np.ndarray
+    rows: np.ndarray
+    weak: np.ndarray
+
+    @classmethod
+    def of(cls, conditions: Conditions, there: Settled) -> "Induced":
+        """Eliminate the states at the inner ends of the intervals."""
+        shooting, size = conditions.shooting, conditions.size
+        C, H = conditions.derivatives(there.at, there.held)
+        C, H = C * size, H * size[:, None] * size
+        inner, chain = _chained(shooting)
+        outer = np.setdiff1d(np.arange(size.size), inner)
+        lift = np.zeros((size.size, outer.size))
+        lift[outer, np.arange(outer.size)] = 1.0
+        lift[inner] = -np.linalg.solve(C[np.ix_(chain, inner)], C[np.ix_(chain, outer)])
+        others = np.setdiff1d(np.arange(len(C)), chain)
+        signs, held = shooting.laid[2][others], there.held[others]
+        weak = (signs != 0) & (np.abs(held) <= _WEAK * np.abs(there.held).max(initial=TINY))
+        half = np.abs(lift)
+        return cls(
+            conditions,
+            there.at,
+            there.held,
+            outer,
+            lift,
+            lift.T @ H @ lift,
+            half.T @ np.abs(H) @ half,
+            C[others] @ lift,
+            weak,
+        )
+
+    @cached_property
+    def regular(self) -> bool:
+        """Whether the conditions at the ends are independent, so that multipliers are unique."""
+        values = np.linalg.svd(self.rows, compute_uv=False)
+        return bool((values > _RANK * values.max(initial=TINY)).all()) and (
+            len(self.rows) <= self.rows.shape[1]
+        )
+
+    def kernel(self, *, weak: bool) -> np.ndarray:
+        """Return an orthonormal basis (nq, k) of the directions that keep the conditions; `weak`
+        ones are let go or kept as well.
+        """
+        rows = self.rows if weak else self.rows[~self.weak]
+        if not len(rows):
+            return np.eye(rows.shape[1])
+        _, values, right = np.linalg.svd(rows)
+        return np.array(right[int((values > _RANK * values.max(initial=TINY)).sum()) :].T)
+
+    def spectrum(self, *, weak: bool) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return eigenvalues (k,) of the second variation, ascending, their directions (nq, k), and
+        what rounding may have done to them.
+        """
+        kernel = self.kernel(weak=weak)
+        if not kernel.shape[1]:
+            return np.empty(0), kernel, 0.0
+        reduced = kernel.T @ self.hessian @ kernel
+        values, vectors = np.linalg.eigh(0.5 * (reduced + reduced.T))
+        rounding = np.abs(kernel).T @ self.rounding @ np.abs(kernel)
+        return values, kernel @ vectors, _MOTION * float(np.linalg.norm(rounding, 2))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """A word's induced problem by two integrations, one with twice the steps of the other."""
+
+    coarse: Induced
+    fine: Induced
+    phased: PhasedProblem
+    pieces: list[int]
+
+    def curvature(self, *, weak: bool) -> Curvature:
+        """Return the least eigenvalue with its error: what rounding does, and twice the steps."""
+        values, _, rounding = self.fine.spectrum(weak=weak)
+        before = self.coarse.spectrum(weak=weak)[0]
+        if values.size != before.size:
+            return Curvature(least=np.nan, error=np.inf, free=values.size)
+        if not values.size:
+            return Curvature(least=np.inf, error=0.0, free=0)
+        apart = float(np.abs(values - before).max())
+        return Curvature(least=float(values[0]), error=CLEAR * (apart + rounding), free=values.size)
+
+
+def induced(problem: Problem, solution: Solution, points: int = 10) -> Pair | str:
+    """Return the problem that a certified solution's word induces, or the reason why there is
+    none.
+    """
+    known = word_problem(problem, solution, points)
+    if known is None:
+        return "controls without laws, or an arc without length: there is no word to vary"
+    steps = steps_of(known[0], known[1])
+    if steps is None:
+        return "the motion is too stiff for explicit steps"
+    coarse, fine = (Conditions(Shooting(known[0], known[1], count)) for count in (steps, 2 * steps))
+    there = settled(coarse)
+    if there is None:
+        return "Newton does not settle on the conditions of the word"
+    moved, change = there.system.step(*fine.values(there.at, there.held)[:2])
+    finer = replace(there, at=there.at + moved, held=there.held + change)
+    return Pair(Induced.of(coarse, there), Induced.of(fine, finer), known[0], known[2])
+
+
+def _chained(shooting: Shooting) -> tuple[np.ndarray, np.ndarray]:
+    """Return the places of the variables that follow from the others, and of the equations that
+    say so, in the order of `Shooting.laid`.
+    """
+    nx, np_ = shooting.phased.of.x.numel(), shooting.phased.of.p.numel()
+    at, row = 1 + len(shooting.pairs) + np_, 0
+    variables: list[int] = []
+    equations: list[int] = []
+    for k, (phase, arc) in enumerate(shooting.pairs):
+        rows, count = nx + phase.carried.numel(), arc.mesh.size
+        joined = range(at, at + nx) if k else range(0)
+        variables += [*joined, *range(at + rows, at + rows * count)]
+        defects = rows * (count - 1)
+        equations += range(row, row + defects + len(joined))
+        row += defects + len(joined) + sum(each.numel() for each in phase.entry)
+        at += rows * count
+    return np.array(variables, dtype=int), np.array(equations, dtype=int)
