@@ -13,7 +13,6 @@ class Minimum(Enum):
     """
 
     STRONG = "strict strong local minimum"
-    PONTRYAGIN = "strict Pontryagin minimum"
     WORD = "strict local minimum among controls of this word"
     DEGENERATE = "degenerate: the second order decides nothing"
     NONE = "no local minimum"
@@ -22,7 +21,7 @@ class Minimum(Enum):
     @property
     def shown(self) -> bool:
         """Whether it is a minimum, if only among controls of its word."""
-        return self in {Minimum.STRONG, Minimum.PONTRYAGIN, Minimum.WORD}
+        return self in {Minimum.STRONG, Minimum.WORD}
 
 
 @final

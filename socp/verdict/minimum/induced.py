@@ -18,7 +18,7 @@ from socp.verdict.newton import Conditions, Settled, settled
 
 # Of the largest multiplier: that of an inequality which is less may be zero, and its limit no more
 # than touched
-_WEAK = 1e-8
+WEAK = 1e-8
 # Of the largest singular value of the end conditions: a smaller one is rounding
 _RANK = 1e-10
 # Of the terms of an entry: doubling the steps of the motion changes it by as much (`accuracy`)
@@ -33,7 +33,8 @@ class Induced:
     """Derivatives of a word's objective at its extremal, in variables q: initial time, lengths,
     parameters, initial states, and what phases carry from their entry on.
 
-    All variables are scaled by their magnitudes. `outer` (nq,) are the places of q; `lift` (n, nq)
+    All variables are scaled by their magnitudes. `slopes` (m, n) are
+    those of the equations, unscaled; `outer` (nq,) are the places of q; `lift` (n, nq)
     gives the change of all shooting variables; `hessian` (nq, nq) is that of the Lagrangian,
     `rounding` (nq, nq) what its terms add up to in absolute value; `rows` (r, nq) are the end
     conditions and entry conditions, `weak` (r,) marks inequalities whose multiplier may be zero.
@@ -42,6 +43,7 @@ class Induced:
     conditions: Conditions
     at: np.ndarray
     held: np.ndarray
+    slopes: np.ndarray
     outer: np.ndarray
     lift: np.ndarray
     hessian: np.ndarray
@@ -54,20 +56,21 @@ class Induced:
         """Eliminate the states at the inner ends of the intervals."""
         shooting, size = conditions.shooting, conditions.size
         C, H = conditions.derivatives(there.at, there.held)
-        C, H = C * size, H * size[:, None] * size
-        inner, chain = _chained(shooting)
+        slopes, C, H = C, C * size, H * size[:, None] * size
+        inner, chain = chained(shooting)
         outer = np.setdiff1d(np.arange(size.size), inner)
         lift = np.zeros((size.size, outer.size))
         lift[outer, np.arange(outer.size)] = 1.0
         lift[inner] = -np.linalg.solve(C[np.ix_(chain, inner)], C[np.ix_(chain, outer)])
         others = np.setdiff1d(np.arange(len(C)), chain)
         signs, held = shooting.laid[2][others], there.held[others]
-        weak = (signs != 0) & (np.abs(held) <= _WEAK * np.abs(there.held).max(initial=TINY))
+        weak = (signs != 0) & (np.abs(held) <= WEAK * np.abs(there.held).max(initial=TINY))
         half = np.abs(lift)
         return cls(
             conditions,
             there.at,
             there.held,
+            slopes,
             outer,
             lift,
             lift.T @ H @ lift,
@@ -148,7 +151,7 @@ def induced(problem: Problem, solution: Solution, points: int = 10) -> Pair | st
     return Pair(Induced.of(coarse, there), Induced.of(fine, finer), known[0], known[2])
 
 
-def _chained(shooting: Shooting) -> tuple[np.ndarray, np.ndarray]:
+def chained(shooting: Shooting) -> tuple[np.ndarray, np.ndarray]:
     """Return the places of the variables that follow from the others, and of the equations that
     say so, in the order of `Shooting.laid`.
     """

@@ -7,6 +7,7 @@ import numpy as np
 from socp.model import Curvature, Minimum, Problem, SecondOrder, Solution
 from socp.transcription import smooth
 from socp.verdict.minimum.descent import descents
+from socp.verdict.minimum.goh import singular_curvature
 from socp.verdict.minimum.induced import Pair, induced
 from socp.verdict.minimum.strictness import Switching, joint_switches, met
 
@@ -60,13 +61,28 @@ def _minimum(problem: Problem, solution: Solution, pair: Pair, found: Curvature)
         limits += Switching(problem, solution).bang_faults()
         if not limits:
             return replace(claim, kind=Minimum.STRONG, theorem=BANG_BANG)
-    elif "boundary" in kinds:
+    if "singular" in kinds:
+        curvature, why = singular_curvature(problem, pair)
+        claim = replace(claim, singular=curvature)
+        limits.append(_of_singular(curvature, why))
+    if "boundary" in kinds:
         limits.append("no theorem is checked for arcs along a state constraint")
-    else:
-        limits.append(
-            "variations of the singular control itself: the Legendre-Clebsch condition alone"
-        )
     return replace(claim, limits=tuple(limits))
+
+
+def _of_singular(found: Curvature | None, why: str) -> str:
+    """Return what is known of variations of the singular control itself."""
+    if found is None:
+        return (
+            f"variations of a singular control itself: the Legendre-Clebsch condition alone ({why})"
+        )
+    if not found.positive:
+        return "with the singular control free the second variation is not positive definite"
+    left = f"; {why}" if why else ""
+    return (
+        "no theorem is checked for singular arcs, though the second variation with the singular "
+        f"control free is positive definite{left}"
+    )
 
 
 def _common(problem: Problem, solution: Solution, pair: Pair) -> list[str]:

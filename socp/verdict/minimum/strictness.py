@@ -27,7 +27,7 @@ from socp.model import (
 _LOOKS = 20
 # Over the Hamiltonian's magnitude: values are known to `EXTREMAL`, with a digit to spare
 _ZERO = 10.0 * EXTREMAL
-# The same over the horizon: a parabola of unit curvature has this slope where it comes to `EXTREMAL`
+# The same over the horizon: a parabola of unit curvature that comes to `EXTREMAL` has this slope
 _FLAT = EXTREMAL**0.5
 _BESIDE = 1e-2  # of a stretch: as near to a switch its slope tells, not its value
 
