@@ -7,6 +7,8 @@ from .certify import with_statement as with_statement
 from .grading.grade import grade as grade
 from .junctions import chattering as chattering
 from .lessons import learn as learn
+from .minimum.order import second_order as second_order
+from .minimum.order import with_second_order as with_second_order
 from .newton import Conditions as Conditions
 from .newton import settled as settled
 from .reintegration import verify as verify

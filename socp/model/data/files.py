@@ -23,6 +23,7 @@ from socp.model.findings import (
     Place,
     Verdict,
 )
+from socp.model.ladder.second_order import Curvature, Descent, Minimum, SecondOrder
 from socp.model.solution import Solution, Stop
 from socp.model.word import Mode
 from socp.process import read_text, write_atomic
@@ -198,7 +199,36 @@ def _verdict(data: Mapping[str, Any], stretches: Mapping[str, Place]) -> Verdict
     given["chattering"] = tuple(data["chattering"])
     grade = data.get("grade")
     given["grade"] = None if grade is None else Grade(**_numbers(grade))
+    given["second_order"] = _second_order(data.get("second_order"))
     return Verdict(**given)
+
+
+def _second_order(data: Mapping[str, Any] | None) -> SecondOrder | None:
+    if data is None:
+        return None
+    kind, descent = data["kind"], data["descent"]
+    if kind not in Minimum.__members__:
+        raise ProblemError(f"second_order: '{kind}'; there are {', '.join(Minimum.__members__)}")
+
+    def curvature(found: Mapping[str, Any] | None) -> Curvature | None:
+        if found is None:
+            return None
+        least, error = (number(found[name]) for name in ("least", "error"))
+        return Curvature(least=least, error=error, free=found["free"])
+
+    return SecondOrder(
+        kind=Minimum[kind],
+        theorem=data["theorem"],
+        word=curvature(data["word"]),
+        singular=curvature(data["singular"]),
+        limits=tuple(data["limits"]),
+        descent=None
+        if descent is None
+        else Descent(
+            **{name: tuple(map(number, descent[name])) for name in ("times", "parameters")},
+            **{name: number(descent[name]) for name in ("predicted", "found")},
+        ),
+    )
 
 
 def _row(values: Any) -> np.ndarray:

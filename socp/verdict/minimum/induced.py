@@ -13,7 +13,7 @@ import numpy as np
 
 from socp.model import TINY, Curvature, Problem, Solution
 from socp.transcription import PhasedProblem, Shooting
-from socp.verdict.accuracy import word_problem, steps_of
+from socp.verdict.accuracy import steps_of, word_problem
 from socp.verdict.newton import Conditions, Settled, settled
 
 # Of the largest multiplier: that of an inequality which is less may be zero, and its limit no more

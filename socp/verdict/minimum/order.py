@@ -1,5 +1,6 @@
 """The second order of an extremal: which kind of minimum it is shown to be, by which theorem."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -40,6 +41,17 @@ def second_order(problem: Problem, solution: Solution) -> SecondOrder:
             if lower is not None:
                 return SecondOrder(kind=Minimum.NONE, word=needed, descent=lower.descent)
         return SecondOrder(kind=Minimum.DEGENERATE, word=enough, limits=(_undecided(needed),))
+
+
+def with_second_order(problem: Problem, solution: Solution) -> Solution:
+    """Return a judged solution with what the second order says of it, where it is certified."""
+    verdict = solution.verdict
+    if verdict is None or not verdict.extremal:
+        return solution
+    began = time.perf_counter()
+    verdict = replace(verdict, second_order=second_order(problem, solution))
+    seconds = {**solution.seconds, "second order": time.perf_counter() - began}
+    return replace(solution, verdict=verdict, seconds=seconds)
 
 
 def _undecided(found: Curvature) -> str:

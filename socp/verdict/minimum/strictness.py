@@ -17,8 +17,8 @@ from socp.model import (
     Arc,
     Problem,
     Solution,
-    evaluate,
     constraint_function,
+    evaluate,
     parameters_of,
     time,
 )
