@@ -41,7 +41,7 @@ def singular_curvature(problem: Problem, pair: Pair) -> tuple[Curvature | None, 
         return None, quadratics
     least: list[float] = []
     for pieces in _PIECES:
-        form = _Form(problem, pair.fine, quadratics, pieces)
+        form = _Form(problem, pair.coarse, quadratics, pieces)
         if form.fault:
             return None, form.fault
         values, idle = form.eigenvalues
@@ -58,7 +58,7 @@ def singular_curvature(problem: Problem, pair: Pair) -> tuple[Curvature | None, 
 
 def _quadratics(problem: Problem, pair: Pair) -> tuple[Quadratic, ...] | str:
     """Return the coefficients of every phase, or the reason why there are none."""
-    shooting = pair.fine.conditions.shooting
+    shooting = pair.coarse.conditions.shooting
     places = singular_places(shooting)
     if any(len(each) > 1 for each in places):
         return "several controls are singular at once"

@@ -5,16 +5,16 @@ The states at the ends of the intervals follow from these by the shooting equati
 what is left is a small symmetric matrix on the kernel of the end conditions.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import final
 
 import numpy as np
 
-from socp.model import TINY, Curvature, Problem, Solution
+from socp.model import EXTREMAL, TINY, Curvature, Minimum, Problem, SecondOrder, Solution
 from socp.transcription import PhasedProblem, Shooting
 from socp.verdict.accuracy import steps_of, word_problem
-from socp.verdict.newton import Conditions, Settled, settled
+from socp.verdict.newton import Conditions, settled
 
 # Of the largest multiplier: that of an inequality which is less may be zero, and its limit no more
 # than touched
@@ -52,10 +52,10 @@ class Induced:
     weak: np.ndarray
 
     @classmethod
-    def of(cls, conditions: Conditions, there: Settled) -> "Induced":
+    def of(cls, conditions: Conditions, at: np.ndarray, multipliers: np.ndarray) -> "Induced":
         """Eliminate the states at the inner ends of the intervals."""
         shooting, size = conditions.shooting, conditions.size
-        C, H = conditions.derivatives(there.at, there.held)
+        C, H = conditions.derivatives(at, multipliers)
         slopes, C, H = C, C * size, H * size[:, None] * size
         inner, chain = chained(shooting)
         outer = np.setdiff1d(np.arange(size.size), inner)
@@ -63,13 +63,13 @@ class Induced:
         lift[outer, np.arange(outer.size)] = 1.0
         lift[inner] = -np.linalg.solve(C[np.ix_(chain, inner)], C[np.ix_(chain, outer)])
         others = np.setdiff1d(np.arange(len(C)), chain)
-        signs, held = shooting.laid[2][others], there.held[others]
-        weak = (signs != 0) & (np.abs(held) <= WEAK * np.abs(there.held).max(initial=TINY))
+        signs, held = shooting.laid[2][others], multipliers[others]
+        weak = (signs != 0) & (np.abs(held) <= WEAK * np.abs(multipliers).max(initial=TINY))
         half = np.abs(lift)
         return cls(
             conditions,
-            there.at,
-            there.held,
+            at,
+            multipliers,
             slopes,
             outer,
             lift,
@@ -132,23 +132,43 @@ class Pair:
         return Curvature(least=float(values[0]), error=CLEAR * (apart + rounding), free=values.size)
 
 
-def induced(problem: Problem, solution: Solution, points: int = 10) -> Pair | str:
-    """Return the problem that a certified solution's word induces, or the reason why there is
-    none.
+def induced(problem: Problem, solution: Solution, points: int = 10) -> Pair | SecondOrder:
+    """Return the problem that a certified solution's word induces, or what is known where it
+    cannot be laid out.
     """
     known = word_problem(problem, solution, points)
     if known is None:
-        return "controls without laws, or an arc without length: there is no word to vary"
+        return _untested("controls without laws, or an arc without length: no word to vary")
     steps = steps_of(known[0], known[1])
     if steps is None:
-        return "the motion is too stiff for explicit steps"
+        return _untested("the motion is too stiff for explicit steps")
     coarse, fine = (Conditions(Shooting(known[0], known[1], count)) for count in (steps, 2 * steps))
     there = settled(coarse)
     if there is None:
-        return "Newton does not settle on the conditions of the word"
+        return _unsettled(coarse)
     moved, change = there.system.step(*fine.values(there.at, there.held)[:2])
-    finer = replace(there, at=there.at + moved, held=there.held + change)
-    return Pair(Induced.of(coarse, there), Induced.of(fine, finer), known[0], known[2])
+    finer = Induced.of(fine, there.at + moved, there.held + change)
+    return Pair(Induced.of(coarse, there.at, there.held), finer, known[0], known[2])
+
+
+def _untested(why: str) -> SecondOrder:
+    return SecondOrder(kind=Minimum.UNTESTED, limits=(why,))
+
+
+def _unsettled(conditions: Conditions) -> SecondOrder:
+    """Return what is known where Newton does not settle: whether a flat direction is the reason.
+
+    The solution's own values are known to the judge's tolerance, and so is the matrix there.
+    """
+    at = conditions.shooting.start
+    found = Induced.of(conditions, at, conditions.multipliers(at))
+    values = found.spectrum(weak=True)[0]
+    error = EXTREMAL * float(np.linalg.norm(found.rounding, 2))
+    if not values.size or not np.abs(values).min() <= error:
+        return _untested("Newton does not settle on the conditions of the word")
+    flat = Curvature(least=float(values[0]), error=error, free=values.size)
+    why = "the conditions of the word leave a direction open"
+    return SecondOrder(kind=Minimum.DEGENERATE, word=flat, limits=(why,))
 
 
 def chained(shooting: Shooting) -> tuple[np.ndarray, np.ndarray]:

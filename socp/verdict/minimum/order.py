@@ -31,8 +31,8 @@ def second_order(problem: Problem, solution: Solution) -> SecondOrder:
     """
     with np.errstate(all="ignore"):
         pair = induced(problem, solution)
-        if isinstance(pair, str):
-            return SecondOrder(kind=Minimum.UNTESTED, limits=(pair,))
+        if isinstance(pair, SecondOrder):
+            return pair
         enough, needed = (pair.curvature(weak=weak) for weak in (False, True))
         if enough.positive:
             return _minimum(problem, solution, pair, enough)
