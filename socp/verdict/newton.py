@@ -137,12 +137,12 @@ class System:
     def _solved(self, given: np.ndarray) -> np.ndarray:
         if not np.isfinite(self.matrix).all():
             return np.full_like(given, np.nan)
-        if not self._deficient:
+        if not self.deficient:
             found = np.linalg.solve(self.matrix, given)
         else:
             found = self._spectrum[1] @ (self._inverted * (self._spectrum[1].T @ given))
         # what rounding leaves of equations that say the same twice is no contradiction
-        n, ulps = self.size.size, _CONTRADICTS * np.finfo(float).eps if self._deficient else 0.0
+        n, ulps = self.size.size, _CONTRADICTS * np.finfo(float).eps if self.deficient else 0.0
         rounding = ulps * np.abs(self.matrix[:, :n] / self.d[:n]).sum(axis=1)
         allowed = np.maximum(_SOLVED * max(np.abs(given).max(), TINY), rounding)
         return (
@@ -163,7 +163,8 @@ class System:
         return np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
 
     @property
-    def _deficient(self) -> bool:
+    def deficient(self) -> bool:
+        """Whether the conditions leave a direction of variables or multipliers open."""
         return bool((self._inverted == 0.0).any())
 
     def open(self, rows: np.ndarray) -> np.ndarray:
