@@ -8,7 +8,7 @@ import click
 from rich.table import Table
 from rich.text import Text
 
-from socp.cli.opening import open_result, unknown
+from socp.cli.opening import open_result, problem_missing
 from socp.cli.session import Exit, Session, heading, show, write_json
 from socp.errors import ProblemError
 
@@ -60,7 +60,7 @@ def sensitivity(
 
     solution, found = open_result(session, result, problem)
     if found is None:
-        raise ProblemError(f"{result}: {unknown(solution)}")
+        raise ProblemError(f"{result}: {problem_missing(solution)}")
     solution = judge(found, solution)
     derived = derivatives(found, solution, names or data_names(found), times)
     if as_json:

@@ -225,8 +225,10 @@ def _second_order(data: Mapping[str, Any] | None) -> SecondOrder | None:
         descent=None
         if descent is None
         else Descent(
-            **{name: tuple(map(number, descent[name])) for name in ("times", "parameters")},
-            **{name: number(descent[name]) for name in ("predicted", "found")},
+            times=tuple(map(number, descent["times"])),
+            parameters=tuple(map(number, descent["parameters"])),
+            predicted=number(descent["predicted"]),
+            found=number(descent["found"]),
         ),
     )
 
