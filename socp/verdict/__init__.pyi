@@ -7,6 +7,7 @@ from .certify import with_statement as with_statement
 from .grading.grade import grade as grade
 from .junctions import chattering as chattering
 from .lessons import learn as learn
+from .minimum.order import lower_sides as lower_sides
 from .minimum.order import second_order as second_order
 from .minimum.order import with_second_order as with_second_order
 from .newton import Conditions as Conditions

@@ -25,6 +25,7 @@ from socp import (
 )
 from socp.methods.guess import split
 from socp.methods.solving import Follower
+from socp.model.data.files import from_json, to_json
 from socp.model.ladder.second_order import Minimum, SecondOrder
 from socp.registry.standard import regulator
 from socp.transcription.schemes import lgr
@@ -129,7 +130,7 @@ def test_an_extremal_that_is_none_of_the_lowest_is_no_answer() -> None:
     solution = with_second_order(problem, held(problem, "u: + -", [1.0, 2.0]))
     assert solution.extremal
     assert outcome_of(solution) is Outcome.NO_MINIMUM
-    again = Solution.from_json(solution.to_json())
+    again = from_json(to_json(solution))
     assert again.verdict is not None
     assert solution.verdict is not None
     assert again.verdict.second_order == solution.verdict.second_order

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from socp.model import Curvature, Minimum, Problem, SecondOrder, Solution
+from socp.model import Curvature, Minimum, Problem, SecondOrder, Solution, cached
 from socp.transcription import smooth
 from socp.verdict.minimum.descent import descents
 from socp.verdict.minimum.goh import singular_curvature
@@ -29,18 +29,40 @@ def second_order(problem: Problem, solution: Solution) -> SecondOrder:
     the theorems of bang-bang controls apply, a strict strong one. Where an eigenvalue is negative,
     a simulation has to show the lower objective before the extremal is called no minimum.
     """
+    # a search asks before it returns what is asked again in the end
+    known = cached(problem, second_order)
+    modes = tuple(arc.modes for arc in solution.arcs)
+    key = (modes, solution.objective, solution.t.tobytes(), solution.rows("x").tobytes())
+    if (found := known.get(key)) is None:
+        known.clear()
+        with np.errstate(all="ignore"):
+            found = known[key] = _second_order(problem, solution)
+    return found
+
+
+def lower_sides(problem: Problem, solution: Solution) -> list[Solution]:
+    """Return, for a certified solution that is no minimum, one of a lower objective on each side of
+    it, as far as there are such: they keep the word and meet the conditions at the ends.
+    """
     with np.errstate(all="ignore"):
         pair = induced(problem, solution)
         if isinstance(pair, SecondOrder):
-            return pair
-        enough, needed = (pair.curvature(weak=weak) for weak in (False, True))
-        if enough.positive:
-            return _minimum(problem, solution, pair, enough)
-        if needed.negative:
-            lower = next(descents(problem, solution, pair), None)
-            if lower is not None:
-                return SecondOrder(kind=Minimum.NONE, word=needed, descent=lower.descent)
-        return SecondOrder(kind=Minimum.DEGENERATE, word=enough, limits=(_undecided(needed),))
+            return []
+        return [each.solution for each in descents(problem, solution, pair)]
+
+
+def _second_order(problem: Problem, solution: Solution) -> SecondOrder:
+    pair = induced(problem, solution)
+    if isinstance(pair, SecondOrder):
+        return pair
+    enough, needed = (pair.curvature(weak=weak) for weak in (False, True))
+    if enough.positive:
+        return _minimum(problem, solution, pair, enough)
+    if needed.negative:
+        lower = next(descents(problem, solution, pair), None)
+        if lower is not None:
+            return SecondOrder(kind=Minimum.NONE, word=needed, descent=lower.descent)
+    return SecondOrder(kind=Minimum.DEGENERATE, word=enough, limits=(_undecided(needed),))
 
 
 def with_second_order(problem: Problem, solution: Solution) -> Solution:
