@@ -2,9 +2,9 @@
 lowers it.
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import Enum
-from typing import final
+from typing import Any, final
 
 
 class Minimum(Enum):
@@ -86,3 +86,8 @@ class SecondOrder:
     singular: Curvature | None = None
     limits: tuple[str, ...] = ()
     descent: Descent | None = None
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """All of it as plain values, the kind by its name, as result files hold it."""
+        return {**asdict(self), "kind": self.kind.name}
