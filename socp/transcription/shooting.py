@@ -122,7 +122,7 @@ class Shooting:
         problem, nx = self.phased.of, self.phased.of.x.numel()
         t0, lengths, p, z = self.parts
         cost, blocks, begin = casadi.MX(0), [], t0
-        for k, (phase, arc) in enumerate(self.pairs):
+        for k, (_, arc) in enumerate(self.pairs):
             shares = (arc.t[arc.mesh] - arc.t[0]) / (arc.t[-1] - arc.t[0])
             t, h = (
                 begin + lengths[k] * casadi.DM(shares[:-1]).T,
@@ -133,18 +133,47 @@ class Shooting:
             cost += casadi.sum2(running)
             if k:
                 blocks.append(z[k][:nx, 0] - z[k - 1][:nx, -1])
-            given = [problem.x, phase.carried, time, problem.p]
-            for held, at in ((phase.entry, 0), (phase.exit, -1)):
-                if held:
-                    function = casadi.Function("held", given, [column(held)])
-                    moment = begin + lengths[k] if at else begin
-                    blocks.append(function(z[k][:nx, at], z[k][nx:, at], moment, p))
+            blocks.append(self.held[k])
             begin = begin + lengths[k]
         mayer = mayer_function(problem)
         equations = casadi.vertcat(*blocks, *(row.expression for row in self.ends))
         at_ends = [row.sign for row in self.ends]
         signs = np.concatenate([np.zeros(equations.numel() - len(at_ends)), at_ends])
         return cost + mayer(z[-1][:nx, -1], z[0][:nx, 0], p, t0, begin), equations, signs
+
+    @cached_property
+    def held(self) -> list[Expr]:
+        """Of every phase the expressions (k, 1) that vanish where it begins and where it ends."""
+        problem, (t0, lengths, p, z) = self.phased.of, self.parts
+        nx, found = problem.x.numel(), []
+        for k, phase in enumerate(self.phased.phases):
+            given = [problem.x, phase.carried, time, problem.p]
+            rows, begin = [], t0 + casadi.sum1(lengths[:k])
+            for held, at in ((phase.entry, 0), (phase.exit, -1)):
+                function = casadi.Function("held", given, [column(held)])
+                moment = begin + lengths[k] if at else begin
+                rows.append(function(z[k][:nx, at], z[k][nx:, at], moment, p))
+            found.append(casadi.vertcat(*rows))
+        return found
+
+    @cached_property
+    def chain(self) -> tuple[np.ndarray, np.ndarray]:
+        """Places of the variables that follow from the others, and of the equations that say so:
+        the states where intervals end, and where phases meet.
+        """
+        nx, row = self.phased.of.x.numel(), 0
+        at = 1 + len(self.pairs) + self.phased.of.p.numel()
+        variables: list[int] = []
+        equations: list[int] = []
+        for k, (phase, arc) in enumerate(self.pairs):
+            rows, count = nx + phase.carried.numel(), arc.mesh.size
+            joined = range(at, at + nx) if k else range(0)
+            variables += [*joined, *range(at + rows, at + rows * count)]
+            defects = rows * (count - 1)
+            equations += range(row, row + defects + len(joined))
+            row += defects + len(joined) + self.held[k].numel()
+            at += rows * count
+        return np.array(variables, dtype=int), np.array(equations, dtype=int)
 
     @cached_property
     def ends(self) -> list[EndRow]:

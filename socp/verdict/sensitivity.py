@@ -15,11 +15,12 @@ import casadi
 import numpy as np
 
 from socp.errors import MethodError, SolveError
-from socp.model import Problem, Solution, Word
-from socp.transcription import PhasedProblem, Shooting, follow
+from socp.model import Problem, Solution
+from socp.transcription import PhasedProblem, Shooting
 from socp.verdict.accuracy import steps_of, word_problem
 from socp.verdict.newton import Conditions, Settled, settled
 
+_POINTS = 10  # collocation points of pieces that are cut at kinks, as those of `polish`
 # Of the largest multiplier: a limit with less may as well be left, and there are two derivatives
 _WEAK = 1e-8
 # Differences of order 4 in a bound: with this step, of its magnitude, both their error and rounding
@@ -95,6 +96,7 @@ class _System:
     there: Settled
     phased: PhasedProblem
     pieces: list[int]
+    solution: Solution
 
     @property
     def problem(self) -> Problem:
@@ -112,7 +114,7 @@ class _System:
 def _system(problem: Problem, solution: Solution) -> _System:
     if not solution.extremal:
         raise SolveError("no derivatives: the solution is not certified as an extremal")
-    known = word_problem(problem, solution, 10)
+    known = word_problem(problem, solution, _POINTS)
     steps = None if known is None else steps_of(known[0], known[1])
     if known is None or steps is None:
         raise SolveError("no derivatives: controls without laws, or a stiff motion")
@@ -120,7 +122,7 @@ def _system(problem: Problem, solution: Solution) -> _System:
     there = settled(conditions)
     if there is None:
         raise SolveError("no derivatives: Newton does not settle on the conditions of the word")
-    system = _System(conditions, there, known[0], known[2])
+    system = _System(conditions, there, known[0], known[2], solution)
     if there.system.open(np.eye(there.at.size)).any():
         raise SolveError("no derivatives: the conditions of the word leave a direction open")
     if there.system.deficient:
@@ -201,8 +203,10 @@ def _bound(system: _System, symbol: str, end: str) -> _Change:
         moved = value + side * step
         pair = (moved, high) if end == "lower" else (low, moved)
         other = replace(problem, bounds={**problem.bounds, own: pair})
-        phased = _followed(other, system)
-        there = Shooting(phased, shooting.solution, shooting.steps)
+        known = word_problem(other, system.solution, _POINTS)
+        if known is None or known[2] != system.pieces:
+            raise SolveError(f"no derivative by {symbol}.{end}: kinks move with it")
+        there = Shooting(known[0], shooting.solution, shooting.steps)
         if there.laid[2].size != held.size:
             raise SolveError(f"no derivative by {symbol}.{end}: it is met at an end of the horizon")
         values = Conditions(there).values(at, held)
@@ -211,18 +215,6 @@ def _bound(system: _System, symbol: str, end: str) -> _Change:
         lagrangian += weight / step * (values[2] + float(held @ values[1]))
         changed.append((weight / step, there))
     return _Change(slope, equations, lagrangian, changed)
-
-
-def _followed(problem: Problem, system: _System) -> PhasedProblem:
-    """Return the same phases for a problem with another bound."""
-    ends = np.cumsum([0, *system.pieces])
-    firsts = [system.phased.phases[k] for k in ends[:-1]]
-    word = Word(problem.control_names, tuple(phase.modes for phase in firsts))
-    phases = []
-    for phase, a, b in zip(follow(problem, word).phases, ends, ends[1:], strict=False):
-        cuts = system.phased.phases[a + 1 : b]
-        phases += [phase, *(replace(phase, entry=cut.entry) for cut in cuts)]
-    return PhasedProblem(problem, tuple(phases))
 
 
 def _state(system: _System, moved: np.ndarray, change: _Change, t: float) -> tuple[float, ...]:

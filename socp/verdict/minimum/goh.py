@@ -17,7 +17,7 @@ import numpy as np
 from socp.errors import MethodError
 from socp.model import TINY, Curvature, Mode, Problem, Word, mayer_function, once, parameters_of
 from socp.transcription import Phase, Shooting, follow
-from socp.verdict.minimum.induced import WEAK, Induced, Pair, chained
+from socp.verdict.minimum.induced import WEAK, Induced, Pair
 from socp.verdict.minimum.variation import Quadratic, reference, singular_places
 
 _NODES = 5  # Gauss points of a piece: the motion to order 10, and w of degree 4
@@ -232,10 +232,16 @@ class _Form:
             size = max(float(np.abs(one).max()), float(np.abs(other).max()), 1.0)
             if np.abs(one - other).max() > _CONTINUES * size:
                 return "the singular control's terms jump where another control switches"
-        _, chain = chained(self.shooting)
-        entry = np.delete(self.known.slopes[:, place : place + nx], chain, axis=0)
-        moved = np.abs(entry @ ends[0]["B"][0][:nx])
-        if (moved > _CONTINUES * np.maximum(np.abs(entry).sum(axis=1)[:, None], 1.0)).any():
+        _, chain = self.shooting.chain
+        rows = nx + self.shooting.phased.phases[k].carried.numel()
+        held = np.vstack(
+            [
+                np.delete(self.known.slopes[:, at : at + nx], chain, axis=0)
+                for at in (place - rows, place)
+            ]
+        )
+        moved = np.abs(held @ ends[0]["B"][0][:nx])
+        if (moved > _CONTINUES * np.maximum(np.abs(held).sum(axis=1)[:, None], 1.0)).any():
             return "the singular control moves what a constraint holds where an arc along it begins"
         return ""
 
@@ -251,7 +257,7 @@ class _Form:
         """
         form, changed, fixed, _ = self.laid
         slopes = self.known.slopes
-        _, chain = chained(self.shooting)
+        _, chain = self.shooting.chain
         others = np.setdiff1d(np.arange(len(slopes)), chain)
         others = others[~(slopes[np.ix_(others, self._carried)] != 0).any(axis=1)]
         form = form + changed.T @ _at_ends(self.known, tuple(others.tolist())) @ changed
@@ -298,17 +304,18 @@ class _Form:
 
 @once
 def _at_ends(known: Induced, others: tuple[int, ...]) -> np.ndarray:
-    """Return the Hessian (n, n) of what the Lagrangian has at the ends and at entries, whose
-    equations are `others`.
+    """Return the Hessian (n, n) of what the Lagrangian has at the ends and where phases begin, of
+    the equations there that are among `others`.
     """
     shooting = known.conditions.shooting
     problem, (t0, lengths, p, z) = shooting.phased.of, shooting.parts
     nx = problem.x.numel()
     ends = [z[-1][:nx, -1], z[0][:nx, 0], p, t0, t0 + casadi.sum1(lengths)]
     lagrangian = mayer_function(problem)(*ends)
-    if others:
-        held = casadi.DM(known.held[list(others)])
-        lagrangian += casadi.dot(held, shooting.laid[1][list(others)])
+    rows = casadi.vertcat(*shooting.held, *(row.expression for row in shooting.ends))
+    places = np.setdiff1d(np.arange(known.held.size), shooting.chain[1])
+    held = np.where(np.isin(places, others), known.held[places], 0.0)
+    lagrangian += casadi.dot(casadi.DM(held), rows)
     hessian = casadi.hessian(lagrangian, shooting.w)[0]
     found: np.ndarray = casadi.Function("ends", [shooting.w], [hessian])(known.at).full()
     return found

@@ -57,7 +57,7 @@ class Induced:
         shooting, size = conditions.shooting, conditions.size
         C, H = conditions.derivatives(at, multipliers)
         slopes, C, H = C, C * size, H * size[:, None] * size
-        inner, chain = chained(shooting)
+        inner, chain = shooting.chain
         outer = np.setdiff1d(np.arange(size.size), inner)
         lift = np.zeros((size.size, outer.size))
         lift[outer, np.arange(outer.size)] = 1.0
@@ -169,22 +169,3 @@ def _unsettled(conditions: Conditions) -> SecondOrder:
     flat = Curvature(least=float(values[0]), error=error, free=values.size)
     why = "the conditions of the word leave a direction open"
     return SecondOrder(kind=Minimum.DEGENERATE, word=flat, limits=(why,))
-
-
-def chained(shooting: Shooting) -> tuple[np.ndarray, np.ndarray]:
-    """Return the places of the variables that follow from the others, and of the equations that
-    say so, in the order of `Shooting.laid`.
-    """
-    nx, np_ = shooting.phased.of.x.numel(), shooting.phased.of.p.numel()
-    at, row = 1 + len(shooting.pairs) + np_, 0
-    variables: list[int] = []
-    equations: list[int] = []
-    for k, (phase, arc) in enumerate(shooting.pairs):
-        rows, count = nx + phase.carried.numel(), arc.mesh.size
-        joined = range(at, at + nx) if k else range(0)
-        variables += [*joined, *range(at + rows, at + rows * count)]
-        defects = rows * (count - 1)
-        equations += range(row, row + defects + len(joined))
-        row += defects + len(joined) + sum(each.numel() for each in phase.entry)
-        at += rows * count
-    return np.array(variables, dtype=int), np.array(equations, dtype=int)

@@ -96,7 +96,7 @@ def _multipliers(known: Induced, k: int) -> np.ndarray:
         rows, count = nx + phase.carried.numel(), arc.mesh.size - 1
         if index == k:
             return known.held[row : row + rows * count].reshape(count, rows).T
-        row += rows * count + (nx if index else 0) + sum(e.numel() for e in phase.entry)
+        row += rows * count + (nx if index else 0) + shooting.held[index].numel()
     raise IndexError(k)
 
 
