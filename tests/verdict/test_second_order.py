@@ -222,6 +222,33 @@ def test_a_singular_arc_in_closed_form() -> None:
     assert found.limits[0].endswith("an impulse where a singular arc ends costs nothing")
 
 
+@pytest.mark.parametrize(("horizon", "positive"), [(1.2, True), (1.5, True), (1.65, False)])
+def test_a_conjugate_point_on_a_singular_arc(horizon: float, positive: bool) -> None:
+    """Integral of x^2 - y^2 with y' = x, x' = u from rest: at rest all is singular, and with w for
+    x the form is the integral of w^2 - y^2, y' = w: positive up to T = pi / 2.
+
+    At y = sin(pi t / 2 T) its eigenvalue is 2 (1 - (2 T / pi)^2) in w^2, which is measured in 2 T
+    and over the horizon.
+    """
+    y, x = states("y x")
+    u = controls("u")
+    problem = Problem(
+        name="conjugate",
+        running=x**2 - y**2,
+        dynamics={y: x, x: u},
+        bounds={u: (-1, 1)},
+        start={y: 0, x: 0},
+        final_time=horizon,
+    )
+    found = ordered(problem, along(problem, "u: s", [horizon]))
+    assert found.singular is not None
+    wanted = 2 * (1 - (2 * horizon / pi) ** 2) * (2 * horizon) ** 2 * horizon
+    assert found.singular.least == pytest.approx(wanted, rel=1e-6)
+    assert found.singular.positive is positive
+    assert found.singular.negative is not positive
+    assert ("negative" in found.limits[0]) is not positive
+
+
 def pair_of(problem: Problem, solution: Solution) -> Pair:
     found = induced(problem, solution)
     assert isinstance(found, Pair)

@@ -183,7 +183,7 @@ class _Form:
                 fixed.append(y[nx] / self.base[0])
             elif k + 1 < count and self.places[k] is not None:
                 fault = fault or self._torn(k, place)
-        return form, changed, np.array(fixed).reshape(len(fixed), -1), fault
+        return form, changed, np.reshape(fixed, (len(fixed), form.shape[0])), fault
 
     def _through(self, k: int, y: np.ndarray, form: np.ndarray) -> np.ndarray:
         """Carry changes y (ny, k) through a phase and add what it costs to the form."""

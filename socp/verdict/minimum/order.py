@@ -36,7 +36,12 @@ def second_order(problem: Problem, solution: Solution) -> SecondOrder:
     if (found := known.get(key)) is None:
         known.clear()
         with np.errstate(all="ignore"):
-            found = known[key] = _second_order(problem, solution)
+            try:
+                found = _second_order(problem, solution)
+            except (np.linalg.LinAlgError, ArithmeticError) as error:
+                why = f"it could not be worked out: {error}"
+                found = SecondOrder(kind=Minimum.UNTESTED, limits=(why,))
+        known[key] = found
     return found
 
 
@@ -109,6 +114,11 @@ def _of_singular(found: Curvature | None, why: str) -> str:
     if found is None:
         return (
             f"variations of a singular control itself: the Legendre-Clebsch condition alone ({why})"
+        )
+    if found.negative:
+        return (
+            "with the singular control free the second variation is negative: controls that vary "
+            "along the singular arc do better, to second order"
         )
     if not found.positive:
         return "with the singular control free the second variation is not positive definite"
