@@ -29,6 +29,7 @@ from socp.search import (
     along_words,
     conclude,
     escalate,
+    lowered,
     outdo,
     pursue,
     refine,
@@ -77,6 +78,9 @@ class Auto(Method):
                 found = self._searched(problem, guess, (search, directs), watch)
                 if found.extremal:
                     found = with_agreement(problem, found, self.digits, search.backend, watch)
+                    lower = lowered(problem, found, search.backend, watch)
+                    if lower is not found:
+                        found = with_agreement(problem, lower, self.digits, search.backend, watch)
         except KeyboardInterrupt:  # between two solves; inside one the backend stops by itself
             known = search.best or (directs[-1] if directs else None)
             if known is None:

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from socp.cli.commands.checking import check
 from socp.cli.commands.comparing import compare
+from socp.cli.commands.deriving import sensitivity
 from socp.cli.commands.describing import describe
 from socp.cli.commands.exporting import export
 from socp.cli.commands.listing import list_, methods, plugins, plugins_list
@@ -30,7 +31,8 @@ from socp.registry import PluginError
 EPILOG = """\b
 Exit codes:
   0    an answer: certified, or a feasible point at the solver's tolerances; check: certified
-  1    no answer: infeasible, at a limit or failed (the result is written); check: not certified
+  1    no answer: infeasible, at a limit, failed, or an extremal that is no minimum (the result is
+       written); check: not certified, or no minimum
   2    usage: an unknown command, method or option, or a value not allowed
   3    the problem, or the plugin of the method, could not be loaded, or the plugin failed
   4    internal error
@@ -78,6 +80,7 @@ def socp(context: click.Context, debug: bool, without: tuple[str, ...]) -> int:
 for _command in (
     solve,
     check,
+    sensitivity,
     compare,
     census,
     frontier,

@@ -58,6 +58,7 @@ def plain(verdict: "Verdict") -> dict[str, Any]:
     own = {each.name: getattr(verdict, each.name) for each in fields(verdict)}
     own["findings"] = [finding.data for finding in verdict.findings]
     own["grade"] = None if verdict.grade is None else asdict(verdict.grade)
+    own["second_order"] = verdict.second_order and verdict.second_order.data
     return {**derived, **own}
 
 

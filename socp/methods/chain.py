@@ -16,7 +16,7 @@ from socp.laws import check_laws, independent
 from socp.methods.contract import Method, check_options, options
 from socp.model import Arc, Problem, Solution, Stop, Watch, check_controls, silent
 from socp.process import breakable, give_way, signals_held
-from socp.verdict import judge, with_statement
+from socp.verdict import judge, with_second_order, with_statement
 
 
 def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
@@ -45,9 +45,11 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
         solution = replace(
             solution, method=method.name, options=option_values(method), versions=versions()
         )
-        with suppress(KeyboardInterrupt), breakable():
-            return judge(problem, solution)
-        return with_statement(problem, solution)
+        solution = with_statement(problem, solution)
+        for step in (judge, with_second_order):
+            with suppress(KeyboardInterrupt), breakable():
+                solution = step(problem, solution)
+        return solution
 
 
 def check_solution(method: str, problem: Problem, returned: Any) -> Solution:

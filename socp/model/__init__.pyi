@@ -45,6 +45,10 @@ from .graph import TRIGONOMETRIC as TRIGONOMETRIC
 from .graph import fold as fold
 from .graph import interpret as interpret
 from .graph import operation_names as operation_names
+from .ladder.second_order import Curvature as Curvature
+from .ladder.second_order import Descent as Descent
+from .ladder.second_order import Minimum as Minimum
+from .ladder.second_order import SecondOrder as SecondOrder
 from .parts import Constraint as Constraint
 from .parts import Reference as Reference
 from .parts import Scene as Scene

@@ -9,6 +9,7 @@ from typing import Any, final
 import numpy as np
 
 from socp.model.data.views import view
+from socp.model.ladder.second_order import SecondOrder
 from socp.model.tolerances import APPROXIMATE, EXTREMAL, FEASIBLE, TINY
 from socp.model.word import Mode
 
@@ -298,7 +299,8 @@ class Verdict:
     - remaining_error: the part of objective_error that is left where the tolerance of
       re-integration does not count;
     - digits: significant digits of the objective that objective_error leaves;
-    - grade: of a feasible solution that is no extremal, how far its objective is from one's.
+    - grade: of a feasible solution that is no extremal, how far its objective is from one's;
+    - second_order: which kind of minimum an extremal is, None where that was not asked.
     """
 
     miss: float
@@ -318,6 +320,7 @@ class Verdict:
     miss_at: str = ""
     drift: float = 0.0
     grade: Grade | None = None
+    second_order: SecondOrder | None = None
 
     @property
     def feasible(self) -> bool:

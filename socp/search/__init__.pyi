@@ -23,6 +23,7 @@ from .neighbours import without_arc as without_arc
 from .neighbours import word_of as word_of
 from .reading import read as read
 from .reading import with_hidden_bangs as with_hidden_bangs
+from .refinement import lowered as lowered
 from .refinement import refine as refine
 from .rivals import outdo as outdo
 from .rounding import rounded_word as rounded_word

@@ -11,11 +11,12 @@ from socp.errors import MethodError, SolveError
 from socp.laws import arc_modes
 from socp.methods import Follower, follow_word, polished
 from socp.model import Problem, Solution, Stop, Watch, Word, scales, silent
+from socp.process import seconds_left
 from socp.search.candidate import Candidate
-from socp.search.effort import Ration, Search
+from socp.search.effort import Ration, Search, clearly
 from socp.search.mending import mends, starts, substitutes
 from socp.search.reading import read, with_hidden_bangs
-from socp.verdict import certified, learn
+from socp.verdict import certified, learn, lower_sides, second_order
 
 _SOLVES = 40  # words tried before the search from one direct solution gives up
 # Costates times their states, in the objective's units: below, a tolerance of 1e-11 costs digits
@@ -23,6 +24,8 @@ _FAINT = 1e-2
 _CLEAR = 0.1  # what they are scaled to: more would ask for digits that rounding does not leave
 _LARGEST = 1e6  # factor on the objective: what is fainter still is lost in the rounding of the cost
 _NEARLY = 1e-4  # residual and miss: what is left of a wrong word is seldom less
+_DESCENTS = 4  # times that a search leaves an extremal that is no minimum for a lower one
+_SIDE = 10  # words tried from one side of it: a switch has moved, or an arc has gone
 _LATE = 1e3  # rank of what is tried once no mend is left: whatever mends it goes first
 # Short arcs that a grid shows are tried as they stand up to so many; more of them are ringing
 _PLAIN = 3
@@ -79,6 +82,26 @@ def refine(
             (residual + 1e-3 * k, each) for k, each in enumerate(mends(problem, now, solution))
         ]
     return search.best
+
+
+def lowered(
+    problem: Problem, solution: Solution, backend: Ration, watch: Watch = silent
+) -> Solution:
+    """Return the best certified solution that is found from both sides of one that is no minimum,
+    and so on; one that may be a minimum comes back as it is.
+    """
+    for _ in range(_DESCENTS):
+        if seconds_left() <= 0.0 or second_order(problem, solution).descent is None:
+            break
+        searches = [Search(backend=backend) for _ in range(2)]
+        for side, search in zip(lower_sides(problem, solution), searches, strict=False):
+            refine(problem, side, search, watch, _SIDE)
+        found = [each.best for each in searches if each.best is not None and each.best.extremal]
+        best = min(found, key=lambda each: each.objective, default=solution)
+        if not clearly(best, solution):
+            break
+        solution = best
+    return solution
 
 
 def _early(problem: Problem, direct: Solution) -> Iterator[list[Candidate]]:

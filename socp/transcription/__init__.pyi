@@ -1,6 +1,7 @@
 from .collocation import collocate as collocate
 from .cutting import cut_arcs as cut_arcs
 from .cutting import rejoin as rejoin
+from .kinks import smooth as smooth
 from .mesh import Mesh as Mesh
 from .mesh import Table as Table
 from .mesh import refined_meshes as refined_meshes

@@ -3,7 +3,7 @@
 import casadi
 import numpy as np
 
-from socp.model import Expr, column, fold
+from socp.model import Expr, Problem, Solution, column, evaluate, fold, parameters_of, time
 
 _BINARY = {casadi.OP_FMIN, casadi.OP_FMAX, casadi.OP_LT, casadi.OP_LE}
 _UNARY = {casadi.OP_FABS, casadi.OP_SIGN}
@@ -60,3 +60,15 @@ def _apart(expressions: list[Expr], given: Expr) -> list[Expr]:
         ):
             kept.append(k)
     return [expressions[k] for k in kept]
+
+
+def smooth(problem: Problem, solution: Solution) -> bool:
+    """Tell whether dynamics and running cost have no kink anywhere where a solution goes."""
+    given = [problem.x, problem.u, time, problem.p]
+    found = kinks(casadi.vertcat(problem.rate, problem.lagrangian), casadi.vertcat(*given))
+    if not found.numel():
+        return True
+    function = casadi.Function("kinks", given, [casadi.densify(found)])
+    p = parameters_of(problem, solution)
+    values = evaluate(function, solution.rows("x"), solution.rows("u"), solution.t, p)[0]
+    return bool((values.min(axis=1) * values.max(axis=1) > 0.0).all())

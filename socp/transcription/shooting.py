@@ -4,6 +4,7 @@ It shares neither nodes nor arithmetic with the collocated programmes, so that a
 means something.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, final
@@ -34,6 +35,22 @@ from socp.transcription.phases import Phase, PhasedProblem
 _ACTIVE = (
     1e-7  # of sizes: an inequality at an end as near as this to its limit is taken for an equation
 )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class EndRow:
+    """An expression that vanishes at the ends of the horizon: a value less the one that it is held
+    at, by the name of the value, `start.x`, `end.x`, a parameter's, `initial_time`, `final_time`,
+    or `target.` and a condition's.
+
+    Of an active inequality, sign times multiplier must not be negative; the sign of an equation is
+    0.
+    """
+
+    name: str
+    expression: Expr
+    sign: float
 
 
 @final
@@ -105,7 +122,7 @@ class Shooting:
         problem, nx = self.phased.of, self.phased.of.x.numel()
         t0, lengths, p, z = self.parts
         cost, blocks, begin = casadi.MX(0), [], t0
-        for k, (phase, arc) in enumerate(self.pairs):
+        for k, (_, arc) in enumerate(self.pairs):
             shares = (arc.t[arc.mesh] - arc.t[0]) / (arc.t[-1] - arc.t[0])
             t, h = (
                 begin + lengths[k] * casadi.DM(shares[:-1]).T,
@@ -116,44 +133,79 @@ class Shooting:
             cost += casadi.sum2(running)
             if k:
                 blocks.append(z[k][:nx, 0] - z[k - 1][:nx, -1])
-            given = [problem.x, phase.carried, time, problem.p]
-            for held, at in ((phase.entry, 0), (phase.exit, -1)):
-                if held:
-                    function = casadi.Function("held", given, [column(held)])
-                    moment = begin + lengths[k] if at else begin
-                    blocks.append(function(z[k][:nx, at], z[k][nx:, at], moment, p))
+            blocks.append(self.held[k])
             begin = begin + lengths[k]
-        ends, at_ends = self._ends(begin)
         mayer = mayer_function(problem)
-        equations = casadi.vertcat(*blocks, *ends)
+        equations = casadi.vertcat(*blocks, *(row.expression for row in self.ends))
+        at_ends = [row.sign for row in self.ends]
         signs = np.concatenate([np.zeros(equations.numel() - len(at_ends)), at_ends])
         return cost + mayer(z[-1][:nx, -1], z[0][:nx, 0], p, t0, begin), equations, signs
 
-    def _ends(self, tf: Expr) -> tuple[list[Expr], list[float]]:
-        """Return what holds at the ends of the horizon, with its signs: fixed values, active
-        limits, conditions.
+    @cached_property
+    def held(self) -> list[Expr]:
+        """Of every phase the expressions (k, 1) that vanish where it begins and where it ends."""
+        problem, (t0, lengths, p, z) = self.phased.of, self.parts
+        nx, found = problem.x.numel(), []
+        for k, phase in enumerate(self.phased.phases):
+            given = [problem.x, phase.carried, time, problem.p]
+            rows, begin = [], t0 + casadi.sum1(lengths[:k])
+            for held, at in ((phase.entry, 0), (phase.exit, -1)):
+                function = casadi.Function("held", given, [column(held)])
+                moment = begin + lengths[k] if at else begin
+                rows.append(function(z[k][:nx, at], z[k][nx:, at], moment, p))
+            found.append(casadi.vertcat(*rows))
+        return found
+
+    @cached_property
+    def chain(self) -> tuple[np.ndarray, np.ndarray]:
+        """Places of the variables that follow from the others, and of the equations that say so:
+        the states where intervals end, and where phases meet.
         """
-        problem, solution, (t0, _, p, z) = self.phased.of, self.solution, self.parts
+        nx, row = self.phased.of.x.numel(), 0
+        at = 1 + len(self.pairs) + self.phased.of.p.numel()
+        variables: list[int] = []
+        equations: list[int] = []
+        for k, (phase, arc) in enumerate(self.pairs):
+            rows, count = nx + phase.carried.numel(), arc.mesh.size
+            joined = range(at, at + nx) if k else range(0)
+            variables += [*joined, *range(at + rows, at + rows * count)]
+            defects = rows * (count - 1)
+            equations += range(row, row + defects + len(joined))
+            row += defects + len(joined) + self.held[k].numel()
+            at += rows * count
+        return np.array(variables, dtype=int), np.array(equations, dtype=int)
+
+    @cached_property
+    def ends(self) -> list[EndRow]:
+        """What holds at the ends of the horizon, the last rows of the equations: fixed values,
+        active limits, conditions.
+        """
+        problem, solution, (t0, lengths, p, z) = self.phased.of, self.solution, self.parts
+        tf = t0 + casadi.sum1(lengths)
         x0, xf = z[0][: problem.x.numel(), 0], z[-1][: problem.x.numel(), -1]
         values = end_values(problem, solution)
         last, first, parameters, *times = values
         scale, horizon = scales(problem, solution), np.array([times[1] - times[0]])
         boxes = [np.array([box]).T for box in (problem.initial_time_box, problem.final_time_box)]
         near = self.near * np.maximum(np.abs(parameters), TINY)
+        starts, stops = (
+            tuple(f"{end}.{name}" for name in problem.state_names) for end in ("start", "end")
+        )
         rows = [
-            *_rows(x0, first, problem.start_box, self.near * scale),
-            *_rows(xf, last, problem.end_box, self.near * scale),
-            *_rows(p, parameters, problem.parameter_box, near),
-            *_rows(t0, np.array(times[:1]), boxes[0], self.near * horizon),
-            *_rows(tf, np.array(times[1:]), boxes[1], self.near * horizon),
+            *_rows(x0, first, problem.start_box, self.near * scale, starts),
+            *_rows(xf, last, problem.end_box, self.near * scale, stops),
+            *_rows(p, parameters, problem.parameter_box, near, problem.parameter_names),
+            *_rows(t0, np.array(times[:1]), boxes[0], self.near * horizon, ("initial_time",)),
+            *_rows(tf, np.array(times[1:]), boxes[1], self.near * horizon, ("final_time",)),
         ]
         for condition in problem.conditions:
             psi = condition_function(problem, condition)
             slopes = condition_slopes(problem, condition)(*values)
             size = sum(float(np.abs(each.full()[0]) @ scale) for each in slopes[:2])
             if condition.equation or float(psi(*values)) >= -self.near * (size or 1.0):
-                rows.append((psi(xf, x0, p, t0, tf), 0.0 if condition.equation else 1.0))
-        return [row for row, _ in rows], [sign for _, sign in rows]
+                sign = 0.0 if condition.equation else 1.0
+                rows.append(EndRow(f"target.{condition.name}", psi(xf, x0, p, t0, tf), sign))
+        return rows
 
     def lifted(self, w: np.ndarray, objective: float) -> Solution:
         """Return the motion of variables w (n,) at the nodes of the solution's meshes."""
@@ -246,17 +298,19 @@ def _step(phase: Phase, problem: Problem) -> casadi.Function:
 
 
 def _rows(
-    expression: Expr, value: np.ndarray, box: np.ndarray, near: np.ndarray
-) -> list[tuple[Expr, float]]:
-    """Return the entries of an expression that are fixed, or near a limit of their box (2, n), with
-    their signs.
-    """
+    expression: Expr,
+    value: np.ndarray,
+    box: np.ndarray,
+    near: np.ndarray,
+    names: Sequence[str],
+) -> list[EndRow]:
+    """Return the entries of an expression that are fixed, or near a limit of their box (2, n)."""
     found = []
     for i, (low, high) in enumerate(box.T):
         if low == high:
-            found.append((expression[i] - low, 0.0))
+            found.append(EndRow(names[i], expression[i] - low, 0.0))
         elif value[i] <= low + near[i]:
-            found.append((expression[i] - low, -1.0))
+            found.append(EndRow(names[i], expression[i] - low, -1.0))
         elif value[i] >= high - near[i]:
-            found.append((expression[i] - high, 1.0))
+            found.append(EndRow(names[i], expression[i] - high, 1.0))
     return found

@@ -1,4 +1,3 @@
-from .accuracy import AWAY as AWAY
 from .accuracy import steps_of as steps_of
 from .accuracy import word_problem as word_problem
 from .certify import certified as certified
@@ -8,9 +7,15 @@ from .certify import with_statement as with_statement
 from .grading.grade import grade as grade
 from .junctions import chattering as chattering
 from .lessons import learn as learn
+from .minimum.order import lower_sides as lower_sides
+from .minimum.order import second_order as second_order
+from .minimum.order import with_second_order as with_second_order
 from .newton import Conditions as Conditions
-from .newton import System as System
+from .newton import settled as settled
 from .reintegration import verify as verify
+from .sensitivity import Sensitivity as Sensitivity
+from .sensitivity import data_names as data_names
+from .sensitivity import derivatives as derivatives
 from .structure import constraint_values as constraint_values
 from .structure import misfit as misfit
 from .structure import structure_of as structure_of

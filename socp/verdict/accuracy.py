@@ -11,7 +11,7 @@ import numpy as np
 from socp.errors import MethodError
 from socp.model import ACTIVE, Problem, Solution, Verdict, Word, digits_of
 from socp.transcription import PhasedProblem, Shooting, cut_arcs, follow, interval_ends
-from socp.verdict.newton import Conditions
+from socp.verdict.newton import AWAY, Conditions
 
 # Of the states: steps are doubled until the motion changes by no more; rounding leaves some hundred
 # ulps
@@ -24,8 +24,6 @@ _STEPS = (
     32,
     64,
 )  # steps an interval; a motion that wants more is stiff, and none of this method's
-# Of the variables' magnitudes: Newton that goes further than this goes to another solution
-AWAY = 1e-4
 # Times the step: next to a triple root, where a switching function is flat, Newton goes a third
 _THRICE = 3.0
 # Of the largest multiplier: one of an inequality that is less than this below zero is rounding

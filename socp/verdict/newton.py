@@ -22,6 +22,12 @@ _MOVES = 1e-6
 # Units in the last place of its terms: equations that are further apart contradict each other
 _CONTRADICTS = 64.0
 _ULPS = 4.0  # rounding of every entry of a condition, in units of its last place
+_NEWTON = 8  # steps: from a collocated solution two or three do
+# Of the variables' magnitudes: a step below it is rounding, which may keep it at some times as much
+_DONE = 1e-13
+_ROUNDING = 100.0
+# Of the variables' magnitudes: Newton that goes further than this goes to another solution
+AWAY = 1e-4
 
 
 @final
@@ -82,11 +88,16 @@ class Conditions:
 
     def system(self, at: np.ndarray, held: np.ndarray) -> "System":
         """Return the linear system at variables (n,) and multipliers (m,)."""
-        C, H = self._slopes(at)[0].full() * self.size, self._second(at, held).full()
+        C, H = self.derivatives(at, held)
+        C = C * self.size
         matrix = np.block(
             [[H * self.size[:, None] * self.size, C.T], [C, np.zeros((held.size, held.size))]]
         )
         return System.of(matrix, self.size)
+
+    def derivatives(self, at: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the slopes of the equations (m, n) and the Hessian (n, n) of the Lagrangian."""
+        return self._slopes(at)[0].full(), self._second(at, held).full()
 
     def values(self, at: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Return slope of the Lagrangian (n,), equations (m,) and cost."""
@@ -126,12 +137,12 @@ class System:
     def _solved(self, given: np.ndarray) -> np.ndarray:
         if not np.isfinite(self.matrix).all():
             return np.full_like(given, np.nan)
-        if not self._deficient:
+        if not self.deficient:
             found = np.linalg.solve(self.matrix, given)
         else:
             found = self._spectrum[1] @ (self._inverted * (self._spectrum[1].T @ given))
         # what rounding leaves of equations that say the same twice is no contradiction
-        n, ulps = self.size.size, _CONTRADICTS * np.finfo(float).eps if self._deficient else 0.0
+        n, ulps = self.size.size, _CONTRADICTS * np.finfo(float).eps if self.deficient else 0.0
         rounding = ulps * np.abs(self.matrix[:, :n] / self.d[:n]).sum(axis=1)
         allowed = np.maximum(_SOLVED * max(np.abs(given).max(), TINY), rounding)
         return (
@@ -152,7 +163,8 @@ class System:
         return np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
 
     @property
-    def _deficient(self) -> bool:
+    def deficient(self) -> bool:
+        """Whether the conditions leave a direction of variables or multipliers open."""
         return bool((self._inverted == 0.0).any())
 
     def open(self, rows: np.ndarray) -> np.ndarray:
@@ -183,3 +195,36 @@ class System:
         moved = (asked @ vectors * self._inverted) @ vectors.T
         found: np.ndarray = np.sqrt((moved * off) ** 2 @ np.ones(off.size))
         return found
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """Where Newton has settled: variables (n,), multipliers (m,), cost and the last matrix."""
+
+    at: np.ndarray
+    held: np.ndarray
+    cost: float
+    system: System
+
+
+def settled(conditions: Conditions) -> Settled | None:
+    """Solve the first-order conditions; None where Newton does not settle nearby, or a limit would
+    rather be left.
+    """
+    start, signs, size = conditions.shooting.start, conditions.shooting.laid[2], conditions.size
+    at, held = start, conditions.multipliers(start)
+    for _ in range(_NEWTON):
+        system = conditions.system(at, held)
+        moved, change = system.step(*conditions.values(at, held)[:2])
+        at, held = at + moved, held + change
+        if not np.abs((at - start) / size).max() <= AWAY:
+            return None
+        if np.abs(moved / size).max() <= _DONE:
+            break
+    if (
+        np.abs(moved / size).max() > _ROUNDING * _DONE
+        or (signs * held < -_DONE * np.abs(held).max()).any()
+    ):
+        return None
+    return Settled(at, held, conditions.values(at, held)[2], system)

@@ -11,6 +11,7 @@ class Outcome(Enum):
     """What a solve came to; the value is the sentence shown to the user."""
 
     EXTREMAL = "an answer: an extremal, certified"
+    NO_MINIMUM = "no answer: an extremal, but no local minimum"
     APPROXIMATE = "an answer: approximately extremal, not certified"
     FEASIBLE = "an answer: a feasible point, not certified as an extremal"
     LIMIT = "no answer: the solver reached its limit of iterations or time"
@@ -37,7 +38,8 @@ def outcome_of(solution: "Solution") -> Outcome | None:
     if verdict is None:
         return None
     if verdict.extremal:
-        return Outcome.EXTREMAL
+        lowered = verdict.second_order is not None and verdict.second_order.descent is not None
+        return Outcome.NO_MINIMUM if lowered else Outcome.EXTREMAL
     if not stop.ok:
         return {"LIMIT": Outcome.LIMIT, "INFEASIBLE": Outcome.INFEASIBLE}.get(
             stop.name, Outcome.FAILED

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, final
 from socp.errors import MethodError
 from socp.model import APPROXIMATE, EXTREMAL, FEASIBLE
 from socp.view.outcomes import Outcome, infeasible, outcome_of
+from socp.view.second_order import minimum_line, order_lines
 
 if TYPE_CHECKING:  # `socp --help` loads this module, and casadi is not worth it there
     from socp.model import Feasibility, Grade, Problem, Solution, Verdict
@@ -93,6 +94,10 @@ def verdict_rows(verdict: "Verdict") -> list[Row]:
         ),
         _row(
             "switches", (f"{t:.12g}, {switch_error(error)}" for t, error in verdict.switch_errors)
+        ),
+        _row(
+            "second order",
+            () if verdict.second_order is None else order_lines(verdict.second_order),
         ),
     ]
     return [row for row in rows if row.lines]
@@ -329,6 +334,11 @@ def _judged(verdict: "Verdict", told: int) -> Iterator[Line]:
         yield _line(f"  and {len(verdict.reasons) - told} more reasons; see socp check")
     if verdict.extremal:
         yield _line(f"objective within {verdict.objective_error:.1e}: {verdict.digits} digits")
+    if verdict.second_order is not None:
+        shown = verdict.second_order.kind.shown
+        lowered = verdict.second_order.descent is not None
+        tone = Tone.GOOD if shown else Tone.BAD if lowered else Tone.NOTE
+        yield _line(minimum_line(verdict.second_order), tone)
     if verdict.rings:
         ratios = (
             f"{name} varies {verdict.ringing[name]:.3g} times as much as its mean"

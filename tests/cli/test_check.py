@@ -86,3 +86,31 @@ def test_refusals(
     err = capsys.readouterr().err
     assert text in err
     assert "Traceback" not in err
+
+
+def test_a_certified_result_says_which_minimum_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["solve", "cart.py", "-m", "lgr-multiphase", "-o", "word=+ -"]) == 0
+    assert "strict strong local minimum: no direction is free" in capsys.readouterr().out
+    assert main(["check", "cart.socp.json", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["second_order"]
+    assert found["kind"] == "STRONG"
+    assert found["theorem"].startswith("Agrachev, Stefani, Zezza")
+    assert found["word"]["free"] == 0
+
+
+def test_derivatives_of_a_certified_result(capsys: pytest.CaptureFixture[str]) -> None:
+    """Over a distance d the time is 2 sqrt d, the switch in its half: 1 and 1/2 by d at d = 1."""
+    assert main(["solve", "cart.py", "-m", "lgr-multiphase", "-o", "word=+ -"]) == 0
+    capsys.readouterr()
+    assert main(["sensitivity", "cart.socp.json", "--to", "end.x", "--at", "0.5"]) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert float(next(row for row in rows if row[:1] == ["objective"])[-1]) == pytest.approx(1.0)
+    assert float(next(row for row in rows if row[:1] == ["switch"])[-1]) == pytest.approx(0.5)
+    assert main(["sensitivity", "cart.socp.json", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [each["to"] for each in found["derivatives"]] == [
+        *("start.x", "start.v", "end.x", "end.v", "initial_time"),
+        *("u.lower", "u.upper"),
+    ]
+    assert main(["sensitivity", "cart.socp.json", "--to", "mass"]) == 2
+    assert "'mass' is no datum of the problem; there are start.x" in capsys.readouterr().err

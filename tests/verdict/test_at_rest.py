@@ -16,7 +16,7 @@ u, d = controls("u d")
 
 
 def floor(unit: float = 1.0, level: float = 0.0) -> Problem:
-    """Return a fall held by a floor all the time, in other units of length, the floor at a level."""
+    """Return a fall held by a floor at a level all the time, in other units of length."""
     return Problem(
         name="floor",
         running=x,

@@ -9,7 +9,7 @@ from socp.cli.opening import open_result, problem_missing
 from socp.cli.session import Exit, Session, heading, show, write_json
 from socp.cli.show import plain, table_lines
 from socp.errors import ProblemError
-from socp.view import Row, Tone, verdict_rows
+from socp.view import Outcome, Row, Tone, outcome_of, verdict_rows
 
 if TYPE_CHECKING:
     from socp.model import Verdict
@@ -30,12 +30,12 @@ def check(session: Session, /, result: str, problem: str | None, as_json: bool) 
     states and controls. Exit code 0 if the result is certified as an extremal, 1 if it is not or
     cannot be read.
     """
-    from socp.verdict import judge
+    from socp.verdict import judge, with_second_order
 
     solution, found = open_result(session, result, problem)
     if found is None:
         raise ProblemError(f"{result}: {problem_missing(solution)}")
-    solution = judge(found, solution)
+    solution = with_second_order(found, judge(found, solution))
     verdict = solution.verdict
     if verdict is None:
         return Exit.UNSOLVED
@@ -43,7 +43,7 @@ def check(session: Session, /, result: str, problem: str | None, as_json: bool) 
         write_json({"problem": found.name, "word": solution.word, **plain(verdict)})
     else:
         show(heading(found.name, found.title), details(verdict))
-    return Exit.SOLVED if verdict.extremal else Exit.UNSOLVED
+    return Exit.SOLVED if outcome_of(solution) is Outcome.EXTREMAL else Exit.UNSOLVED
 
 
 def details(verdict: "Verdict") -> Table:

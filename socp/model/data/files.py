@@ -26,6 +26,7 @@ from socp.model.findings import (
     Place,
     Verdict,
 )
+from socp.model.ladder.second_order import Curvature, Descent, Minimum, SecondOrder
 from socp.model.solution import Solution, Stop
 from socp.model.word import Mode
 from socp.process import read_text, write_atomic
@@ -167,7 +168,30 @@ def _verdict(data: Mapping[str, Any], stretches: Mapping[str, Place]) -> Verdict
     findings = tuple(_finding(each, stretches) for each in data["findings"])
     margins = {stretches.get(k, Place(of=k)): margin for k, margin in data["margins"].items()}
     graded = data["grade"] and Grade(**data["grade"])
-    return Verdict(**{**data, "findings": findings, "margins": margins, "grade": graded})
+    records = {
+        "findings": findings,
+        "margins": margins,
+        "grade": graded,
+        "second_order": _second_order(data["second_order"]),
+    }
+    return Verdict(**{**data, **records})
+
+
+def _second_order(data: Mapping[str, Any] | None) -> SecondOrder | None:
+    if data is None:
+        return None
+    kind = data["kind"]
+    if kind not in Minimum.__members__:
+        raise SolveError(
+            f"not a socp result: second_order: '{kind}'; there are {', '.join(Minimum.__members__)}"
+        )
+    records = {
+        "kind": Minimum[kind],
+        "word": data["word"] and Curvature(**data["word"]),
+        "singular": data["singular"] and Curvature(**data["singular"]),
+        "descent": data["descent"] and Descent(**data["descent"]),
+    }
+    return SecondOrder(**{**data, **records})
 
 
 def _arc(data: Mapping[str, Any]) -> Arc:

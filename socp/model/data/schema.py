@@ -84,6 +84,34 @@ class Grade(Record):
     curvature: Number
 
 
+class Curvature(Record):
+    """The least eigenvalue of a second variation."""
+
+    least: Number
+    error: Number
+    free: Count
+
+
+class Descent(Record):
+    """What lowers the objective of an extremal."""
+
+    times: Row
+    parameters: Row
+    predicted: Number
+    found: Number
+
+
+class SecondOrder(Record):
+    """Which kind of minimum an extremal is."""
+
+    kind: str
+    theorem: str
+    word: Curvature | None
+    singular: Curvature | None
+    limits: list[str]
+    descent: Descent | None
+
+
 class Verdict(Record):
     """What the judge found."""
 
@@ -104,6 +132,7 @@ class Verdict(Record):
     miss_at: str = ""
     drift: Number = 0.0
     grade: Grade | None = None  # older files have none
+    second_order: SecondOrder | None = None  # older files have none
 
 
 class Agreement(Record):

@@ -1,0 +1,140 @@
+"""The second order of an extremal: which kind of minimum it is shown to be, by which theorem."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from socp.model import Curvature, Minimum, Problem, SecondOrder, Solution, cached
+from socp.transcription import smooth
+from socp.verdict.minimum.descent import descents
+from socp.verdict.minimum.goh import singular_curvature
+from socp.verdict.minimum.induced import Pair, induced
+from socp.verdict.minimum.strictness import Switching, joint_switches, met
+
+# No assumption of these is that of a fixed horizon or of a problem without time: the second allows
+# both ends, and time in the dynamics
+BANG_BANG = (
+    "Agrachev, Stefani, Zezza, SIAM J. Control Optim. 41(4), 2002; Maurer, Osmolovskii, SIAM J. "
+    "Control Optim. 42(6), 2004"
+)
+
+
+def second_order(problem: Problem, solution: Solution) -> SecondOrder:
+    """Return what the second order says of a certified, judged solution.
+
+    The objective is a function of arc lengths, times, parameters and free initial states along a
+    word. Where its second variation on the directions that the end conditions leave free is
+    positive definite, the extremal is a strict local minimum among the controls of the word; where
+    the theorems of bang-bang controls apply, a strict strong one. Where an eigenvalue is negative,
+    a simulation has to show the lower objective before the extremal is called no minimum.
+    """
+    # a search asks before it returns what is asked again in the end
+    known = cached(problem, second_order)
+    modes = tuple(arc.modes for arc in solution.arcs)
+    key = (modes, solution.objective, solution.t.tobytes(), solution.rows("x").tobytes())
+    if (found := known.get(key)) is None:
+        known.clear()
+        with np.errstate(all="ignore"):
+            try:
+                found = _second_order(problem, solution)
+            except (np.linalg.LinAlgError, ArithmeticError) as error:
+                why = f"it could not be worked out: {error}"
+                found = SecondOrder(kind=Minimum.UNTESTED, limits=(why,))
+        known[key] = found
+    return found
+
+
+def lower_sides(problem: Problem, solution: Solution) -> list[Solution]:
+    """Return, for a certified solution that is no minimum, one of a lower objective on each side of
+    it, as far as there are such: they keep the word and meet the conditions at the ends.
+    """
+    with np.errstate(all="ignore"):
+        pair = induced(problem, solution)
+        if isinstance(pair, SecondOrder):
+            return []
+        return [each.solution for each in descents(problem, solution, pair)]
+
+
+def _second_order(problem: Problem, solution: Solution) -> SecondOrder:
+    pair = induced(problem, solution)
+    if isinstance(pair, SecondOrder):
+        return pair
+    enough, needed = (pair.curvature(weak=weak) for weak in (False, True))
+    if enough.positive:
+        return _minimum(problem, solution, pair, enough)
+    if needed.negative:
+        lower = next(descents(problem, solution, pair), None)
+        if lower is not None:
+            return SecondOrder(kind=Minimum.NONE, word=needed, descent=lower.descent)
+    return SecondOrder(kind=Minimum.DEGENERATE, word=enough, limits=(_undecided(needed),))
+
+
+def with_second_order(problem: Problem, solution: Solution) -> Solution:
+    """Return a judged solution with what the second order says of it, where it is certified."""
+    verdict = solution.verdict
+    if verdict is None or not verdict.extremal:
+        return solution
+    began = time.perf_counter()
+    verdict = replace(verdict, second_order=second_order(problem, solution))
+    seconds = {**solution.seconds, "second order": time.perf_counter() - began}
+    return replace(solution, verdict=verdict, seconds=seconds)
+
+
+def _undecided(found: Curvature) -> str:
+    if found.negative:
+        return (
+            "the second variation is negative somewhere, but no simulation shows a lower objective"
+        )
+    if not found.positive:
+        return "the least eigenvalue of the second variation is zero within its error"
+    return "multipliers of limits at the ends are zero, and without these limits it may not be one"
+
+
+def _minimum(problem: Problem, solution: Solution, pair: Pair, found: Curvature) -> SecondOrder:
+    """Return the claim for a word whose second variation is positive definite."""
+    claim = SecondOrder(kind=Minimum.WORD, word=found)
+    kinds = {mode.kind for arc in solution.arcs for mode in arc.modes}
+    limits = [*_common(problem, solution, pair)]
+    if kinds <= {"lower", "upper"}:
+        limits += Switching(problem, solution).bang_faults()
+        if not limits:
+            return replace(claim, kind=Minimum.STRONG, theorem=BANG_BANG)
+    if "singular" in kinds:
+        curvature, why = singular_curvature(problem, pair)
+        claim = replace(claim, singular=curvature)
+        limits.append(_of_singular(curvature, why))
+    if "boundary" in kinds:
+        limits.append("no theorem is checked for arcs along a state constraint")
+    return replace(claim, limits=tuple(limits))
+
+
+def _of_singular(found: Curvature | None, why: str) -> str:
+    """Return what is known of variations of the singular control itself."""
+    if found is None:
+        return (
+            f"variations of a singular control itself: the Legendre-Clebsch condition alone ({why})"
+        )
+    if found.negative:
+        return (
+            "with the singular control free the second variation is negative: controls that vary "
+            "along the singular arc do better, to second order"
+        )
+    if not found.positive:
+        return "with the singular control free the second variation is not positive definite"
+    left = f"; {why}" if why else ""
+    return (
+        "no theorem is checked for singular arcs, though the second variation with the singular "
+        f"control free is positive definite{left}"
+    )
+
+
+def _common(problem: Problem, solution: Solution, pair: Pair) -> list[str]:
+    """Return what stands against the hypotheses that theorems of both kinds share."""
+    found = [f"state constraint {name} is met" for name in met(problem, solution)]
+    found += [f"two controls switch at t = {t:.6g}" for t in joint_switches(solution)]
+    if not pair.fine.regular:
+        found.append("the conditions at the ends depend on one another: multipliers are not unique")
+    if not smooth(problem, solution):
+        found.append("dynamics or running cost have a kink where the solution goes")
+    return found

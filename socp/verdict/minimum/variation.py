@@ -1,0 +1,174 @@
+"""The second variation along the phases of a word, with singular controls free after Goh's
+transformation.
+
+In y = (x, t, r, p), where r stretches a phase in time (1 along the extremal), and with a singular
+control's variation v, the linearised motion is eta' = A eta + B v and the integrand 1/2 eta' Q eta
++ v N eta, from the Hamiltonian r (L + lambda' f). With w the integral of v and eta = xi + B w,
+
+    xi' = A xi + B1 w,  B1 = A B - B',
+    integrand 1/2 xi' Q xi + w M xi + 1/2 R w^2,
+    M = B' Q - N' - N A,  R = B' Q B - 2 N B1 - (N B)',
+
+and w N xi + 1/2 w^2 N B at the end (Goh, SIAM J. Control 4, 1966; Aronna, Bonnans, Dmitruk,
+Lotito, Numer. Algebra Control Optim. 2(3), 2012, section 3). A prime after a name in a product is
+the transpose, elsewhere the derivative along the extremal.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import casadi
+import numpy as np
+
+from socp.model import Expr, Problem, once, parameters_of, time
+from socp.transcription import Phase, Shooting
+from socp.verdict.minimum.induced import Induced
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """An extremal at chosen times of a phase: t (n,), x (nx, n), u (nu, n), costate (nx, n)."""
+
+    t: np.ndarray
+    x: np.ndarray
+    u: np.ndarray
+    costate: np.ndarray
+
+
+def reference(known: Induced, k: int, t: np.ndarray, interval: np.ndarray) -> Reference:
+    """Return the extremal at times t (n,) of phase k, each in an interval of its mesh.
+
+    The costate is that of the induced problem: the multiplier of the interval's end, carried back
+    by the slopes of the motion.
+    """
+    shooting = known.conditions.shooting
+    problem, nx = shooting.phased.of, shooting.phased.of.x.numel()
+    (begins, z), p = _corners(known, k), parameters_of(problem, shooting.solution)
+    motion, adjoint, control = _functions(known, k)
+    since, left = (t - begins[interval])[None, :], (begins[interval + 1] - t)[None, :]
+    at, _ = _mapped(motion, [z[:, interval], begins[interval][None, :], since, p])
+    held = _multipliers(known, k)[:, interval]
+    (costate,) = _mapped(adjoint, [at, t[None, :], left, p, held])
+    (u,) = _mapped(control, [at[:nx], at[nx:], t[None, :], p])
+    return Reference(t, at[:nx], u, costate[:nx])
+
+
+@once
+def _functions(known: Induced, k: int) -> tuple[casadi.Function, casadi.Function, casadi.Function]:
+    """Return the motion of phase k, the costate before a time h from that after it, and the
+    control.
+    """
+    shooting = known.conditions.shooting
+    problem, phase, flow = shooting.phased.of, shooting.phased.phases[k], shooting.flows[k]
+    Z, T, H, P = flow.mx_in()
+    after = casadi.MX.sym("after", Z.numel())
+    end, running = flow(Z, T, H, P)
+    before = casadi.gradient(running + casadi.dot(after, end), Z)
+    given = [problem.x, phase.carried, time, problem.p]
+    return (
+        flow,
+        casadi.Function("costate", [Z, T, H, P, after], [before]),
+        casadi.Function("u", given, [phase.control]),
+    )
+
+
+@once
+def _corners(known: Induced, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the times (m + 1,) between the intervals of a phase, and the values (nz, m + 1)
+    there.
+    """
+    shooting = known.conditions.shooting
+    lengths = known.at[1 : 1 + len(shooting.pairs)]
+    arc = shooting.pairs[k][1]
+    shares = (arc.t[arc.mesh] - arc.t[0]) / (arc.t[-1] - arc.t[0])
+    begin = known.at[0] + lengths[:k].sum()
+    parts = casadi.Function("z", [shooting.w], [shooting.parts[3][k]])
+    return begin + lengths[k] * shares, parts(known.at).full()
+
+
+def _multipliers(known: Induced, k: int) -> np.ndarray:
+    """Return the multipliers (nz, m) of the ends of a phase's intervals."""
+    shooting, row = known.conditions.shooting, 0
+    nx = shooting.phased.of.x.numel()
+    for index, (phase, arc) in enumerate(shooting.pairs):
+        rows, count = nx + phase.carried.numel(), arc.mesh.size - 1
+        if index == k:
+            return known.held[row : row + rows * count].reshape(count, rows).T
+        row += rows * count + (nx if index else 0) + shooting.held[index].numel()
+    raise IndexError(k)
+
+
+def _mapped(function: casadi.Function, given: list[np.ndarray]) -> list[np.ndarray]:
+    """Evaluate a function at n columns; what has one dimension is the same everywhere."""
+    count = given[0].shape[1]
+    columns = [np.repeat(a[:, None], count, axis=1) if a.ndim == 1 else a for a in given]
+    found = function.map(count)(*columns)
+    return [each.full() for each in (found if isinstance(found, tuple) else (found,))]
+
+
+NAMES = ("A", "Q", "B", "B1", "M", "R", "N", "NB")
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Quadratic:
+    """The coefficients of the second variation of a phase as a function of its reference; `free`
+    is the place of the singular control, None where there is none.
+    """
+
+    problem: Problem
+    phase: Phase
+    free: int | None
+
+    def at(self, along: Reference, p: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the coefficients by name, each (n, rows, columns)."""
+        v = along.u[[self.free]] if self.free is not None else np.empty((0, along.t.size))
+        found = _mapped(self._function, [along.x, v, along.costate, along.t[None, :], p])
+        names = NAMES if self.free is not None else NAMES[:2]
+        count = along.t.size
+        return {
+            name: each.reshape(each.shape[0], count, -1).transpose(1, 0, 2)
+            for name, each in zip(names, found, strict=True)
+        }
+
+    @cached_property
+    def _function(self) -> casadi.Function:
+        problem, phase = self.problem, self.phase
+        r = casadi.SX.sym("r")
+        rate, running = phase.flow(problem)
+        H = running + casadi.dot(problem.costate, rate)
+        y = casadi.vertcat(problem.x, time, r, problem.p)
+        motion = casadi.vertcat(r * rate, r, casadi.SX.zeros(1 + problem.p.numel()))
+
+        def derivative(expression: Expr) -> Expr:
+            """Along the extremal; what is differentiated does not depend on the control."""
+            return (
+                casadi.jtimes(expression, problem.x, rate)
+                - casadi.jtimes(expression, problem.costate, casadi.gradient(H, problem.x))
+                + casadi.jtimes(expression, time, casadi.SX(1))
+            )
+
+        A = casadi.jacobian(motion, y)
+        Q = casadi.hessian(r * H, y)[0]
+        found = [A, Q]
+        if self.free is not None:
+            B = casadi.jacobian(motion, phase.free)
+            N = casadi.jacobian(casadi.gradient(r * H, phase.free), y)
+            NB = casadi.mtimes(N, B)
+            B1 = casadi.mtimes(A, B) - derivative(B)
+            M = casadi.mtimes(B.T, Q) - derivative(N.T).T - casadi.mtimes(N, A)
+            R = casadi.mtimes([B.T, Q, B]) - 2 * casadi.mtimes(N, B1) - derivative(NB)
+            found += [B, B1, M, R, N, NB]
+        at = [casadi.densify(casadi.substitute(each, r, 1)) for each in found]
+        given = [problem.x, phase.free, problem.costate, time, problem.p]
+        return casadi.Function("quadratic", given, at)
+
+
+def singular_places(shooting: Shooting) -> list[list[int]]:
+    """Return, phase by phase, the places of the singular controls."""
+    return [
+        [i for i, mode in enumerate(phase.modes) if mode.kind == "singular"]
+        for phase in shooting.phased.phases
+    ]

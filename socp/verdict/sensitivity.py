@@ -1,0 +1,245 @@
+"""How an extremal moves with its data: derivatives of its objective, times, parameters and states.
+
+The conditions of its word are as many as its unknowns, so that the implicit function theorem gives
+the derivatives by one back-substitution in the last Newton matrix (Kim, Maurer, CDC 2003; Büskens,
+Maurer, J. Comput. Appl. Math. 120, 2000). They are those of the extremal along its word; no other
+word is asked.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import final
+
+import casadi
+import numpy as np
+
+from socp.errors import MethodError, SolveError
+from socp.model import Problem, Solution
+from socp.transcription import PhasedProblem, Shooting
+from socp.verdict.accuracy import steps_of, word_problem
+from socp.verdict.newton import Conditions, Settled, settled
+
+_POINTS = 10  # collocation points of pieces that are cut at kinks, as those of `polish`
+# Of the largest multiplier: a limit with less may as well be left, and there are two derivatives
+_WEAK = 1e-8
+# Differences of order 4 in a bound: with this step, of its magnitude, both their error and rounding
+# are below 1e-11
+_STEP = 1e-3
+_WEIGHTS: Mapping[int, float] = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Sensitivity:
+    """Derivatives of an extremal with respect to one datum, `to`, in the problem's units.
+
+    - objective; initial_time; junctions (arcs - 1,), the times between the arcs; final_time;
+    - parameters by name;
+    - states: (nx,) at every time that was asked for.
+    """
+
+    to: str
+    objective: float
+    initial_time: float
+    junctions: tuple[float, ...]
+    final_time: float
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    states: Mapping[float, tuple[float, ...]] = field(default_factory=dict)
+
+
+def derivatives(
+    problem: Problem, solution: Solution, to: Sequence[str], at: Sequence[float] = ()
+) -> list[Sensitivity]:
+    """Return the derivatives of a certified solution with respect to data `to`, one each, with
+    those of the states at times `at`.
+
+    Data are the values that hold at the ends, `start.x`, `end.x`, `initial_time`, `final_time`,
+    parameters with equal bounds, levels of end conditions, `target.NAME`, and finite bounds of
+    controls and states, `u.upper`, `x.lower`. Raises MethodError for what is no datum, SolveError
+    where there are no derivatives, with the reason.
+    """
+    with np.errstate(all="ignore"):
+        system = _system(problem, solution)
+        return [_derived(system, name, at) for name in to]
+
+
+def data_names(problem: Problem) -> list[str]:
+    """Return the names of the data of a problem that a solution may be derived by."""
+    found = []
+    for end, box in (("start", problem.start_box), ("end", problem.end_box)):
+        found += [f"{end}.{n}" for n, b in zip(problem.state_names, box.T, strict=True) if _any(b)]
+    found += [
+        n for n, b in zip(problem.parameter_names, problem.parameter_box.T, strict=True) if _any(b)
+    ]
+    times = ("initial_time", problem.initial_time_box), ("final_time", problem.final_time_box)
+    found += [name for name, box in times if _any(np.array(box))]
+    found += [f"target.{each.name}" for each in problem.conditions]
+    bounds = ((problem.control_names, problem.box), (problem.state_names, problem.state_box))
+    for names, box in bounds:
+        for name, pair in zip(names, box.T, strict=True):
+            ends = zip(("lower", "upper"), pair, strict=True)
+            found += [f"{name}.{end}" for end, value in ends if np.isfinite(value)]
+    return found
+
+
+def _any(box: np.ndarray) -> bool:
+    return bool(np.isfinite(box).any())
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _System:
+    """The settled conditions of a word, and what was cut off its phases."""
+
+    conditions: Conditions
+    there: Settled
+    phased: PhasedProblem
+    pieces: list[int]
+    solution: Solution
+
+    @property
+    def problem(self) -> Problem:
+        return self.phased.of
+
+    @cached_property
+    def weak(self) -> set[str]:
+        """Names of limits at the ends whose multipliers are zero."""
+        rows, held = self.conditions.shooting.ends, self.there.held
+        own, size = held[held.size - len(rows) :], np.abs(held).max(initial=0.0)
+        pairs = zip(rows, own, strict=True)
+        return {row.name for row, value in pairs if row.sign and abs(value) <= _WEAK * size}
+
+
+def _system(problem: Problem, solution: Solution) -> _System:
+    if not solution.extremal:
+        raise SolveError("no derivatives: the solution is not certified as an extremal")
+    known = word_problem(problem, solution, _POINTS)
+    steps = None if known is None else steps_of(known[0], known[1])
+    if known is None or steps is None:
+        raise SolveError("no derivatives: controls without laws, or a stiff motion")
+    conditions = Conditions(Shooting(known[0], known[1], steps))
+    there = settled(conditions)
+    if there is None:
+        raise SolveError("no derivatives: Newton does not settle on the conditions of the word")
+    system = _System(conditions, there, known[0], known[2], solution)
+    if there.system.open(np.eye(there.at.size)).any():
+        raise SolveError("no derivatives: the conditions of the word leave a direction open")
+    if there.system.deficient:
+        raise SolveError(
+            "no derivatives: conditions of the word depend on one another, as where two controls "
+            "switch at one time; a change of the data parts them"
+        )
+    if system.weak:
+        raise SolveError(
+            f"no derivatives: {', '.join(sorted(system.weak))} is met without being needed, and a "
+            "change of the data may leave it"
+        )
+    return system
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """Partial derivatives by a datum at fixed variables: slope of the Lagrangian (n,), equations
+    (m,), the Lagrangian itself, and the shootings of changed problems with their weights.
+    """
+
+    slope: np.ndarray
+    equations: np.ndarray
+    lagrangian: float
+    changed: Sequence[tuple[float, Shooting]] = ()
+
+
+def _derived(system: _System, name: str, at: Sequence[float]) -> Sensitivity:
+    change = _change(system, name)
+    moved, _ = system.there.system.step(change.slope, change.equations)
+    if not np.isfinite(moved).all():
+        raise SolveError(f"no derivative by {name}: the conditions contradict one another")
+    count = len(system.phased.phases)
+    times = np.cumsum(moved[: 1 + count])[np.cumsum([0, *system.pieces])]
+    names = system.problem.parameter_names
+    return Sensitivity(
+        to=name,
+        objective=change.lagrangian,
+        initial_time=float(times[0]),
+        junctions=tuple(times[1:-1].tolist()),
+        final_time=float(times[-1]),
+        parameters=dict(
+            zip(names, moved[1 + count : 1 + count + len(names)].tolist(), strict=True)
+        ),
+        states={float(t): _state(system, moved, change, float(t)) for t in at},
+    )
+
+
+def _change(system: _System, name: str) -> _Change:
+    """Return the partial derivatives by a datum."""
+    rows, (at, held) = system.conditions.shooting.ends, (system.there.at, system.there.held)
+    names = [row.name for row in rows]
+    if name in names:  # its row is an expression less the value
+        equations = np.zeros(held.size)
+        place = held.size - len(rows) + names.index(name)
+        equations[place] = -1.0
+        return _Change(np.zeros(at.size), equations, -float(held[place]))
+    symbol, _, end = name.rpartition(".")
+    known = data_names(system.problem)
+    if name not in known:
+        raise MethodError(f"'{name}' is no datum of the problem; there are {', '.join(known)}")
+    if end not in {"lower", "upper"}:  # a limit at an end that is not met
+        return _Change(np.zeros(at.size), np.zeros(held.size), 0.0)
+    return _bound(system, symbol, end)
+
+
+def _bound(system: _System, symbol: str, end: str) -> _Change:
+    """Return the partial derivatives by a bound of a control or state, by differences."""
+    problem, shooting = system.problem, system.conditions.shooting
+    own = next(each for each in problem.bounds if each.name() == symbol)
+    low, high = problem.bounds[own]
+    value = float((low if end == "lower" else high) or 0.0)
+    step = _STEP * max(abs(value), 1.0)
+    at, held = system.there.at, system.there.held
+    slope, equations, lagrangian, changed = np.zeros(at.size), np.zeros(held.size), 0.0, []
+    for side, weight in _WEIGHTS.items():
+        moved = value + side * step
+        pair = (moved, high) if end == "lower" else (low, moved)
+        other = replace(problem, bounds={**problem.bounds, own: pair})
+        known = word_problem(other, system.solution, _POINTS)
+        if known is None or known[2] != system.pieces:
+            raise SolveError(f"no derivative by {symbol}.{end}: kinks move with it")
+        there = Shooting(known[0], shooting.solution, shooting.steps)
+        if there.laid[2].size != held.size:
+            raise SolveError(f"no derivative by {symbol}.{end}: it is met at an end of the horizon")
+        values = Conditions(there).values(at, held)
+        slope += weight / step * values[0]
+        equations += weight / step * values[1]
+        lagrangian += weight / step * (values[2] + float(held @ values[1]))
+        changed.append((weight / step, there))
+    return _Change(slope, equations, lagrangian, changed)
+
+
+def _state(system: _System, moved: np.ndarray, change: _Change, t: float) -> tuple[float, ...]:
+    """Return the derivative of the states (nx,) at a time that stays."""
+    shooting, at = system.conditions.shooting, system.there.at
+    corners = np.cumsum(at[: 1 + len(shooting.pairs)])
+    if not corners[0] <= t <= corners[-1]:
+        raise MethodError(f"time {t:g} is outside the horizon, {corners[0]:g} to {corners[-1]:g}")
+    k = min(int(np.searchsorted(corners[1:-1], t, side="right")), len(shooting.pairs) - 1)
+    arc, nx = shooting.pairs[k][1], system.problem.x.numel()
+    shares = (arc.t[arc.mesh] - arc.t[0]) / (arc.t[-1] - arc.t[0])
+    begins = corners[k] + at[1 + k] * shares
+    j = int(np.clip(np.searchsorted(begins, t, side="right") - 1, 0, shares.size - 2))
+    start = float(np.sum(moved[: 1 + k]) + shares[j] * moved[1 + k])
+    first = 1 + len(shooting.pairs)
+    p = slice(first, first + system.problem.p.numel())
+    parts = casadi.Function("z", [shooting.w], [shooting.parts[3][k][:, j]])
+    z, dz = parts(at).full(), parts(moved).full().ravel()
+    given = [z, begins[j], t - begins[j], at[p]]
+    flow = shooting.flows[k]
+    Z, T, H, P = flow.mx_in()
+    end = flow(Z, T, H, P)[0]
+    slopes = casadi.Function("d", [Z, T, H, P], [casadi.jacobian(end, e) for e in (Z, T, H, P)])
+    by_z, by_t, by_h, by_p = (each.full() for each in slopes(*given))
+    found = by_z @ dz + (by_t - by_h)[:, 0] * start + by_p @ moved[p]
+    for weight, other in change.changed:
+        found = found + weight * other.flows[k](*given)[0].full().ravel()
+    return tuple(found[:nx].tolist())

@@ -1,0 +1,46 @@
+"""What the second order says of an extremal, in words."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # `socp --help` loads the report, and casadi is not worth it there
+    from socp.model import Curvature, Descent, SecondOrder
+
+
+def minimum_line(found: "SecondOrder") -> str:
+    """Return in a line which kind of minimum an extremal is, and how clearly."""
+    kind = found.kind.value
+    if found.descent is not None:
+        return f"{kind}: {_descent(found.descent)}"
+    if found.kind.shown and found.word is not None:
+        return f"{kind}: {curvature_text(found.word)}"
+    return f"{kind}: {'; '.join(found.limits)}" if found.limits else kind
+
+
+def order_lines(found: "SecondOrder") -> Iterator[str]:
+    """Yield all that is known of the second order, a line each."""
+    yield minimum_line(found)
+    if found.theorem:
+        yield f"by {found.theorem}"
+    if found.singular is not None:
+        yield f"with the singular control free: {curvature_text(found.singular)}"
+    if found.kind.shown:
+        yield from (f"no more is claimed: {limit}" for limit in found.limits)
+
+
+def curvature_text(found: "Curvature") -> str:
+    """Return a curvature with its error and the number of directions that are free."""
+    if found.free == 0:
+        return "no direction is free, nothing to test"
+    directions = "1 direction" if found.free == 1 else f"{found.free} directions"
+    return f"least curvature {found.least:.3g} within {found.error:.1e}, {directions} free"
+
+
+def _descent(found: "Descent") -> str:
+    moved = [*found.times, *found.parameters]
+    by = ", ".join(f"{change:+.3g}" for change in moved)
+    what = "times and parameters" if found.parameters else "times"
+    return (
+        f"changing its {what} by {by} changes the objective by {found.found:.3g}, simulated "
+        f"({found.predicted:.3g} by the second order)"
+    )

@@ -1,0 +1,284 @@
+"""Minima and maxima of a word told apart, and what is claimed of either."""
+
+from dataclasses import replace
+from math import cos, exp, pi, sin
+
+import casadi
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from socp import (
+    Ipopt,
+    Problem,
+    Solution,
+    Word,
+    controls,
+    default_guess,
+    final_time,
+    follow,
+    initial,
+    judge,
+    solve_collocated,
+    states,
+    uniform,
+)
+from socp.methods.guess import split
+from socp.methods.solving import Follower
+from socp.model.data.files import from_json, to_json
+from socp.model.ladder.second_order import Minimum, SecondOrder
+from socp.registry.standard import regulator
+from socp.transcription.schemes import lgr
+from socp.verdict.minimum.induced import Pair, induced
+from socp.verdict.minimum.order import second_order, with_second_order
+from socp.view.outcomes import Outcome, outcome_of
+
+HORIZON = 3.0
+
+
+def saddle(k: float, a: float = 0.0, tilt: float = 0.0) -> Problem:
+    """Minimise -y(3) - k/2 x(3)^2 + tilt x(3) with y' = x, x' = u + a x from rest."""
+    y, x = states("y x")
+    u = controls("u")
+    return Problem(
+        name="saddle",
+        minimise=-y - k / 2 * x**2 + tilt * x,
+        dynamics={y: x, x: u + a * x},
+        bounds={u: (-1, 1)},
+        start={y: 0, x: 0},
+        final_time=HORIZON,
+    )
+
+
+def slope(s: float, k: float, a: float) -> float:
+    """Return dJ/ds of the word `+ -` with its switch at s, for a != 0.
+
+    x(3) = (2 e^(a r) - e^(3 a) - 1) / -a with r = 3 - s, and dx/ds = 2 e^(a (t - s)) after the
+    switch, so that dy(3)/ds = 2 (e^(a r) - 1) / a.
+    """
+    r = HORIZON - s
+    x = (exp(a * HORIZON) - 2 * exp(a * r) + 1) / a
+    return -2 * (exp(a * r) - 1) / a - k * x * 2 * exp(a * r)
+
+
+def held(problem: Problem, text: str, lengths: list[float]) -> Solution:
+    """Return a word with all arcs but the last held at given lengths, judged."""
+    word = Word.parse(text, problem.control_names)
+    phased = follow(problem, word)
+    phases = tuple(
+        replace(phase, length=(length, length))
+        for phase, length in zip(phased.phases, lengths, strict=False)
+    )
+    phased = replace(phased, phases=(*phases[:-1], phased.phases[-1]))
+    guess = split(default_guess(problem), lengths)
+    meshes = [uniform(lgr(10), 2)] * len(lengths)
+    return judge(problem, solve_collocated(phased, meshes, Ipopt({"tol": 1e-11}), guess))
+
+
+def along(
+    problem: Problem, text: str, lengths: list[float], guess: Solution | None = None
+) -> Solution:
+    """Return a word solved from given lengths, judged."""
+    word = Word.parse(text, problem.control_names)
+    return judge(
+        problem, Follower()(problem, word, guess or split(default_guess(problem), lengths))
+    )
+
+
+def ordered(problem: Problem, solution: Solution) -> SecondOrder:
+    assert solution.verdict is not None
+    assert solution.extremal, solution.verdict.reasons
+    return second_order(problem, solution)
+
+
+@pytest.mark.parametrize("k", [-3.0, -1.0, -0.5, 1.5, 2.0, 5.0])
+def test_the_saddle_family_in_closed_form(k: float) -> None:
+    """J''(s) = 2 (1 - 2 k) at s = 3 (k - 1) / (2 k - 1); with both lengths moved by T / sqrt 2 that
+    is 9 (1 - 2 k).
+    """
+    switch = HORIZON * (k - 1) / (2 * k - 1)
+    problem = saddle(k)
+    found = ordered(problem, held(problem, "u: + -", [switch, HORIZON - switch]))
+    assert found.word is not None
+    assert found.word.free == 1
+    assert found.word.least == pytest.approx(9 * (1 - 2 * k), rel=1e-9)
+    assert found.word.error < 1e-6
+    if k < 0:
+        assert found.kind is Minimum.STRONG
+        assert found.theorem.startswith("Agrachev, Stefani, Zezza")
+    else:
+        assert found.kind is Minimum.NONE
+        assert found.descent is not None
+        moved = found.descent.times[1]  # J is a parabola in s: the prediction is exact
+        assert found.descent.found == pytest.approx((1 - 2 * k) * moved**2, rel=1e-6)
+        assert found.descent.predicted == pytest.approx(found.descent.found, rel=1e-6)
+
+
+@pytest.mark.parametrize(("k", "a"), [(2.0, 0.1), (3.0, -0.2), (-1.0, 0.2), (-2.0, -0.3)])
+def test_the_saddle_family_with_a_drift(k: float, a: float) -> None:
+    switch = brentq(slope, 0.05, 2.95, args=(k, a), xtol=1e-14)
+    problem = saddle(k, a)
+    curvature = (slope(switch + 1e-4, k, a) - slope(switch - 1e-4, k, a)) / 2e-4
+    found = ordered(problem, held(problem, "u: + -", [switch, HORIZON - switch]))
+    assert found.word is not None
+    assert found.word.least == pytest.approx(4.5 * curvature, rel=1e-6)
+    assert found.kind is (Minimum.STRONG if curvature > 0 else Minimum.NONE)
+
+
+def test_an_extremal_that_is_none_of_the_lowest_is_no_answer() -> None:
+    problem = saddle(2.0)
+    solution = with_second_order(problem, held(problem, "u: + -", [1.0, 2.0]))
+    assert solution.extremal
+    assert outcome_of(solution) is Outcome.NO_MINIMUM
+    again = from_json(to_json(solution))
+    assert again.verdict is not None
+    assert solution.verdict is not None
+    assert again.verdict.second_order == solution.verdict.second_order
+
+
+def test_where_every_switch_is_as_good_the_second_order_decides_nothing() -> None:
+    """With k = 1/2 and 3/2 x(3) the objective is -9/4 for every switch: J(s) = -3 s + 9/4 + 3/2 (2
+    s - 3).
+    """
+    problem = saddle(0.5, tilt=1.5)
+    found = ordered(problem, held(problem, "u: + -", [1.2, 1.8]))
+    assert found.kind is Minimum.DEGENERATE
+    assert found.word is not None
+    assert abs(found.word.least) < 1e-6
+
+
+def dubins(turns: list[float]) -> Problem:
+    """Shortest path of turns left, right, left by given angles, between its ends."""
+    x, y, theta = states("x y theta")
+    u = controls("u")
+    at, heading = np.zeros(2), 0.0
+    for sign, turn in zip((1, -1, 1), turns, strict=True):
+        new = heading + sign * turn
+        at = at + sign * np.array([sin(new) - sin(heading), cos(heading) - cos(new)])
+        heading = new
+    return Problem(
+        name="dubins",
+        minimise=final_time,
+        dynamics={x: casadi.cos(theta), y: casadi.sin(theta), theta: u},
+        bounds={u: (-1, 1)},
+        start={x: 0, y: 0, theta: 0},
+        end={x: at[0], y: at[1], theta: heading},
+    )
+
+
+def test_three_turns_on_both_sides_of_pi() -> None:
+    """H = 1 + p cos(theta - phi) - |sigma| = 0 with sigma = 0 at the ends of the middle arc: it
+    turns by 2 arccos(-1/p) > pi. Three lengths meet three conditions.
+    """
+    turns = [0.7, 4.2, 0.9]
+    problem = dubins(turns)
+    solution = along(problem, "u: + - +", turns, held(problem, "u: + - +", turns))
+    found = ordered(problem, solution)
+    assert found.kind is Minimum.STRONG
+    assert found.word is not None
+    assert found.word.free == 0
+    turns = [0.7, 2.2, 0.9]
+    assert pi > 2.2
+    problem = dubins(turns)
+    solution = along(problem, "u: + - +", turns, held(problem, "u: + - +", turns))
+    assert np.diff([0, *solution.junctions]) == pytest.approx(turns[:2], abs=1e-6)
+    assert not solution.extremal
+
+
+def test_minimum_time_of_van_der_pol_to_a_circle() -> None:
+    """From (1, 1) to the circle of radius 0.2: one switch at 0.713936, tf = 2.864192, positive
+    definite (Maurer, Büskens, Kim, Kaya, Optim. Control Appl. Meth. 26, 2005, section 5).
+    """
+    x, v = states("x v")
+    u = controls("u")
+    problem = Problem(
+        name="vdp_time",
+        minimise=final_time,
+        dynamics={x: v, v: -x + v * (1 - x**2) + u},
+        bounds={u: (-1, 1)},
+        start={x: 1, v: 1},
+        target={"circle": x**2 + v**2 == 0.04},
+    )
+    solution = along(problem, "u: - +", [0.7, 2.1])
+    assert solution.junctions[0] == pytest.approx(0.713936, abs=1e-6)
+    assert solution.final_time == pytest.approx(2.864192, abs=1e-6)
+    found = ordered(problem, solution)
+    assert found.kind is Minimum.STRONG
+    assert found.word is not None
+    assert found.word.free == 1
+
+
+def test_a_singular_arc_in_closed_form() -> None:
+    """Integral of x^2 with x' = u: after Goh's transformation the second variation is the integral
+    of w^2 over the singular arc, half of the horizon T = 2; in units of 2 T for w and a norm over
+    the horizon that is 1/2 64 |w|^2. Moving the switch is a change of w.
+    """
+    problem = regulator().problem
+    found = ordered(problem, along(problem, "u: - s", [1.0, 1.0]))
+    assert found.kind is Minimum.WORD
+    assert found.singular is not None
+    assert found.singular.least == pytest.approx(64.0, rel=1e-9)
+    assert found.singular.positive
+    assert found.limits[0].endswith("an impulse where a singular arc ends costs nothing")
+
+
+@pytest.mark.parametrize(("horizon", "positive"), [(1.2, True), (1.5, True), (1.65, False)])
+def test_a_conjugate_point_on_a_singular_arc(horizon: float, positive: bool) -> None:
+    """Integral of x^2 - y^2 with y' = x, x' = u from rest: at rest all is singular, and with w for
+    x the form is the integral of w^2 - y^2, y' = w: positive up to T = pi / 2.
+
+    At y = sin(pi t / 2 T) its eigenvalue is 2 (1 - (2 T / pi)^2) in w^2, which is measured in 2 T
+    and over the horizon.
+    """
+    y, x = states("y x")
+    u = controls("u")
+    problem = Problem(
+        name="conjugate",
+        running=x**2 - y**2,
+        dynamics={y: x, x: u},
+        bounds={u: (-1, 1)},
+        start={y: 0, x: 0},
+        final_time=horizon,
+    )
+    found = ordered(problem, along(problem, "u: s", [horizon]))
+    assert found.singular is not None
+    wanted = 2 * (1 - (2 * horizon / pi) ** 2) * (2 * horizon) ** 2 * horizon
+    assert found.singular.least == pytest.approx(wanted, rel=1e-6)
+    assert found.singular.positive is positive
+    assert found.singular.negative is not positive
+    assert ("negative" in found.limits[0]) is not positive
+
+
+def pair_of(problem: Problem, solution: Solution) -> Pair:
+    found = induced(problem, solution)
+    assert isinstance(found, Pair)
+    return found
+
+
+def test_the_matrix_of_the_word_in_closed_form() -> None:
+    """A double integrator over T = 3 with the word `+ -`, the initial speed c free: v(3) = c + 2 s
+    - 3, x(3) = 3 c + 6 s - s^2 - 9/2.
+
+    J = (c + 1)^2 + x^2/10 - 33/10 x + v^2/2 is stationary at s = 2, c = 1 with v = 2, x = 13/2,
+    J_ss = 44/5, J_sc = 16/5, J_cc = 24/5. One direction moves both lengths against each other, one
+    the speed, each in its own unit.
+    """
+    x, v = states("x v")
+    u = controls("u")
+    problem = Problem(
+        name="thrown",
+        minimise=(initial(v) + 1) ** 2 + 0.1 * x**2 - 3.3 * x + 0.5 * v**2,
+        dynamics={x: v, v: u},
+        bounds={u: (-1, 1)},
+        start={x: 0},
+        final_time=HORIZON,
+        guess={v: 1},
+    )
+    solution = along(problem, "u: + -", [2.0, 1.0])
+    assert solution.junctions[0] == pytest.approx(2.0, abs=1e-9)
+    found = pair_of(problem, solution)
+    units = np.array([HORIZON / np.sqrt(2), found.fine.conditions.size[4]])
+    wanted = np.array([[8.8, 3.2], [3.2, 4.8]]) * units[:, None] * units
+    values, _, _ = found.fine.spectrum(weak=True)
+    assert values == pytest.approx(np.linalg.eigvalsh(wanted), rel=1e-9)
+    assert ordered(problem, solution).kind is Minimum.STRONG
