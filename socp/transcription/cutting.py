@@ -208,11 +208,22 @@ class _Looks:
             signs, at = row[known], times[known]
             found.append(
                 [
-                    (
-                        float(brentq(lambda t, i=i: values(np.array([t]))[i, 0], at[k], at[k + 1])),
-                        bool(signs[k] < 0),
-                    )
+                    (_zero(values, i, at[k : k + 2], signs[k : k + 2]), bool(signs[k] < 0))
                     for k in np.flatnonzero(signs[:-1] * signs[1:] < 0.0)
                 ]
             )
         return found
+
+
+def _zero(
+    values: Callable[[np.ndarray], np.ndarray], i: int, times: np.ndarray, signs: np.ndarray
+) -> float:
+    """Return where the i-th of some values is zero between two times, at which it has values of
+    unlike signs; alone they may come out otherwise, by rounding.
+    """
+
+    def at(t: float) -> float:
+        known = np.flatnonzero(times == t)
+        return float(signs[known[0]] if known.size else values(np.array([t]))[i, 0])
+
+    return float(brentq(at, *times))
