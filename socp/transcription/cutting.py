@@ -11,7 +11,7 @@ import casadi
 import numpy as np
 from scipy.optimize import brentq
 
-from socp.model import SAME_TIME, TINY, Arc, Expr, Solution, join, parameters_of, time
+from socp.model import ROUNDED, SAME_TIME, Arc, Expr, Solution, join, parameters_of, time
 from socp.transcription.kinks import kinks
 from socp.transcription.mesh import Mesh, table, uniform
 from socp.transcription.phases import Phase, PhasedProblem
@@ -22,7 +22,6 @@ from socp.transcription.schemes import lgr
 _LOOKS = 8
 _SLIVER = 1e-3  # of a piece: a shorter interval beside a joint is not worth its nodes
 _CROWD = 8  # zeros of one expression in one arc at most: what has more is no kink but noise
-_ROUNDING = 1e-12  # of the largest value on an arc: what is less has no sign
 _MOST = 100  # cuts of one arc at most, of a table with as many knots
 # Of the range of a constraint's values on an arc: a solver leaves as much at a node where it is
 # active, and between the nodes beside it the constraint is violated
@@ -145,7 +144,9 @@ def _crossings(looks: "_Looks") -> Iterator[_Joint]:
 
 
 def _touches(looks: "_Looks") -> Iterator[_Joint]:
-    """Yield where a state constraint that the law does not keep has a maximum of zero, or more."""
+    """Yield where a state constraint that the law does not keep has a maximum of zero, or more,
+    and is clearly negative before it and after it.
+    """
     problem, phase = looks.phased.of, looks.phase
     rate, _ = phase.flow(problem)
     for constraint in problem.constraints:
@@ -156,12 +157,13 @@ def _touches(looks: "_Looks") -> Iterator[_Joint]:
         if slope.is_constant():
             continue
         (peaks,) = looks.zeros(slope)
-        values = looks.values(c)
-        least = -_TOUCHES * max(float(np.ptp(values(looks.times))), TINY)
-        held, touched = (c, slope), frozenset({constraint.name})
+        values, times = looks.values(c), looks.times
+        row = values(times)[0]
+        least = -max(_TOUCHES * float(np.ptp(row)), ROUNDED * looks.size(c))
         for t, rises in peaks if len(peaks) <= _CROWD else ():
-            if not rises and values(np.array([t]))[0, 0] >= least:
-                yield _Joint(t, held, touched)
+            beside = row[times < t].min(initial=0.0), row[times > t].min(initial=0.0)
+            if not rises and values(np.array([t]))[0, 0] >= least > max(beside):
+                yield _Joint(t, (c, slope), frozenset({constraint.name}))
 
 
 @final
@@ -186,6 +188,14 @@ class _Looks:
         ends = pairwise(self.arc.t[self.arc.mesh])
         return np.unique(np.concatenate([np.linspace(a, b, _LOOKS + 1) for a, b in ends]))
 
+    def size(self, expression: Expr) -> float:
+        """Return how much a scalar expression changes at most when every state changes by its own
+        largest value on the arc.
+        """
+        slopes = casadi.fabs(casadi.jacobian(expression, self.phased.of.x))
+        change = casadi.mtimes(slopes, casadi.DM(np.abs(self.arc.x).max(axis=1)))
+        return float(self.values(change)(self.times).max())
+
     def values(self, expression: Expr) -> Callable[[np.ndarray], np.ndarray]:
         """Return an expression (k, 1) as a function of times (n,) that gives (k, n)."""
         function = casadi.Function("values", [self.given], [casadi.densify(expression)])
@@ -204,26 +214,23 @@ class _Looks:
         found: list[list[tuple[float, bool]]] = []
         for i, row in enumerate(values(times)):
             # a zero that falls on a point is found between its neighbours
-            known = np.flatnonzero(np.abs(row) > _ROUNDING * np.abs(row).max())
-            signs, at = row[known], times[known]
-            found.append(
-                [
-                    (_zero(values, i, at[k : k + 2], signs[k : k + 2]), bool(signs[k] < 0))
-                    for k in np.flatnonzero(signs[:-1] * signs[1:] < 0.0)
-                ]
-            )
+            known = np.flatnonzero(row)
+            signs, at = np.sign(row[known]), times[known]
+            ends = np.flatnonzero(signs[:-1] != signs[1:])
+            zeros = [(self._zero(values, i, at[k], at[k + 1]), bool(signs[k] < 0)) for k in ends]
+            found.append([(t, rises) for t, rises in zeros if t is not None])
         return found
 
+    def _zero(
+        self, values: Callable[[np.ndarray], np.ndarray], i: int, first: float, last: float
+    ) -> float | None:
+        """Return where a row of values is zero between two times, None where it is of one sign: one
+        that is rounding all along has another sign whenever it is worked out.
+        """
 
-def _zero(
-    values: Callable[[np.ndarray], np.ndarray], i: int, times: np.ndarray, signs: np.ndarray
-) -> float:
-    """Return where the i-th of some values is zero between two times, at which it has values of
-    unlike signs; alone they may come out otherwise, by rounding.
-    """
+        def value(t: float) -> float:
+            return float(values(np.array([t]))[i, 0])
 
-    def at(t: float) -> float:
-        known = np.flatnonzero(times == t)
-        return float(signs[known[0]] if known.size else values(np.array([t]))[i, 0])
-
-    return float(brentq(at, *times))
+        if value(first) * value(last) >= 0.0:
+            return None
+        return float(brentq(value, first, last))
