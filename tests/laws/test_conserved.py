@@ -26,7 +26,9 @@ def problem(**parts: Any) -> Problem:
 
 
 def slopes(own: Problem, at: list[float]) -> np.ndarray:
-    """Return unit slopes of what is conserved at states, one a row, their largest entry positive."""
+    """Return unit slopes of what is conserved at states, a row each, their largest entry
+    positive.
+    """
     symbols = casadi.vertcat(own.x, time)
     rows = casadi.jacobian(casadi.vertcat(*conserved(own)), symbols)
     found = casadi.Function("s", [symbols], [rows])([*at, 0.0]).full()
