@@ -6,7 +6,7 @@ from .contacts import controlled_constraints as controlled_constraints
 from .contacts import name_constraints as name_constraints
 from .contacts import tangential_joints as tangential_joints
 from .drawing import guessed_ends as guessed_ends
-from .drawing import travel_time as travel_time
+from .drawing import horizon as horizon
 from .given import check_laws as check_laws
 from .law import arc_law as arc_law
 from .modes import arc_modes as arc_modes

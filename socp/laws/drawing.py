@@ -71,7 +71,7 @@ def travel_time(problem: Problem, x0: np.ndarray, xf: np.ndarray, t0: float) -> 
 
 def _reach(problem: Problem, x0: np.ndarray, xf: np.ndarray) -> np.ndarray:
     """Move a guessed end state (nx,) within its box until it meets the target conditions, by
-    Gauss-Newton, every state measured by the size that its start, end and bounds show.
+    Gauss-Newton, every state measured by its size there.
     """
     if not problem.conditions:
         return xf
@@ -83,19 +83,21 @@ def _reach(problem: Problem, x0: np.ndarray, xf: np.ndarray) -> np.ndarray:
         "target", [problem.x, *start], [values, casadi.jacobian(values, problem.x)]
     )
     shown = shown_sizes(problem, np.column_stack([x0, xf]))
-    size = np.where(shown > 0, shown, 1.0)
-    movable = size * (problem.end_box[0] < problem.end_box[1])
+    size, free = np.where(shown > 0, shown, 1.0), problem.end_box[0] < problem.end_box[1]
     for _ in range(
         30
     ):  # Newton from afar halves a quadratic's distance at every step: 30 cover nine digits
         value, slope = (each.full() for each in function(xf, x0, 0.0, 0.0, 1.0))
         if not np.isfinite(value).all() or not np.isfinite(slope).all():
             break
+        movable = free * np.maximum(np.abs(xf), _SMALL * size)
         step = movable * (np.linalg.pinv(slope * movable) @ value[:, 0])
         xf = np.clip(xf - step, *problem.end_box)
     return xf
 
 
+# Of the size that its start, end and bounds show: a state near zero may move by as much at once
+_SMALL = 1e-2
 _STEPS = 16  # of the simulations that spread the points over what the controls can reach
 _DRAWS = 4  # constant controls in one simulation
 # Of the way: where half the step changes a simulation by more, it is not resolved: stiff, or

@@ -7,7 +7,8 @@ import numpy as np
 from scipy.integrate import BDF
 
 from socp.methods.guess import guess_of
-from socp.model import Problem, Solution, parameters_of, rate_function, scales
+from socp.model import Problem, Solution, parameters_of, rate_function
+from socp.transcription import state_magnitudes
 
 # Of the box: the ends of what a control can do and between; growth and decay balance anywhere
 _LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -73,7 +74,7 @@ def _driven(
     """
     p = parameters_of(problem, guess)
     rate = rate_function(problem)
-    sizes, x0 = scales(problem, guess), guess.rows("x")[:, 0]
+    sizes, x0 = state_magnitudes(problem, guess), guess.rows("x")[:, 0]
 
     def moved(t: float, x: np.ndarray) -> np.ndarray:
         return np.array(rate(x, u, t, p).full()).ravel()

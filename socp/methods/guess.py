@@ -9,7 +9,7 @@ from typing import Any
 import casadi
 import numpy as np
 
-from socp.laws import guessed_ends, travel_time
+from socp.laws import guessed_ends, horizon
 from socp.model import (
     Arc,
     Mode,
@@ -32,15 +32,15 @@ def default_guess(problem: Problem) -> Solution:
     their box allows.
 
     What the problem's own `guess` says takes precedence. A free final time is estimated from how
-    fast the box of controls can move the states over the distance they have to go.
+    fast the box of controls can move the states over the distance they have to go; where the ends
+    ask for none, over that to the bounds of the states.
     """
     first = _within(problem.guess.get(initial_time), problem.initial_time_box, 0.0)
     x0, xf = guessed_ends(problem)
-    low, high = problem.final_time_box
-    horizon = max(low - first, 0.0) if low == high else travel_time(problem, x0, xf, first)
-    last = _within(problem.guess.get(final_time), problem.final_time_box, first + horizon)
+    length = horizon(problem)
+    last = _within(problem.guess.get(final_time), problem.final_time_box, first + length)
     if last <= first:
-        last = first + horizon
+        last = first + length
     t = np.linspace(first, last, _NODES)
     share = np.linspace(0.0, 1.0, _NODES)
     x = x0[:, None] + (xf - x0)[:, None] * share

@@ -47,6 +47,9 @@ _STARTS = 3  # solutions in hand from which a round starts; others are worse
 # Relative: a grid whose control takes the states further from what it claims has not followed the
 # motion, and is no start
 _CLAIMED = 1e-2
+# The same beyond which all grids so far are taken to have jumped over the motion: coarse ones are
+# off by a few per cent where they have not
+_JUMPED = 0.1
 _ITERATIONS = 500  # what a direct solve has not reached by then it hardly ever reaches
 _MOTIONS = 3  # those that keep best to the box; other horizons are the scouts' concern
 
@@ -67,11 +70,12 @@ def escalate(
     over.
 
     first: the guess, None where no other is to be tried, the steps of the first grids, and the
-    solver of direct problems. What is solved joins the direct solutions; where none ever is, there
-    are no words to read. Where the best word chatters, no number of words certifies one.
+    solver of direct problems. Motions are tried where no direct solution is that of its own control.
+    What is solved joins the direct solutions; where none ever is, there are no words to read. Where the best word chatters, no number of words certifies one.
     """
     guess, steps, backend = first
-    if guess is not None and not any(each.stop.ok for each in directs):
+    lost = not _done(problem, search) and not any(_followed(problem, each) for each in directs)
+    if guess is not None and lost:
         directs += scouts_from_motions(problem, guess, _staged(watch, "motions"), backend)
         if directs and directs[-1].stop is Stop.INTERRUPTED:
             raise KeyboardInterrupt
@@ -116,6 +120,13 @@ def _done(problem: Problem, search: Search) -> bool:
         or best.stop is Stop.INTERRUPTED
         or bool(best.structure and chattering(problem, best))
     )
+
+
+def _followed(problem: Problem, direct: Solution) -> bool:
+    """Tell whether the control of a direct solution reaches what the solution claims, roughly."""
+    if not direct.stop.ok:
+        return False
+    return off(replace(direct, verified=verify(problem, direct))) <= _JUMPED
 
 
 def _meshes(steps: int) -> tuple[Mesh, ...]:

@@ -52,7 +52,7 @@ class Scale:
         near = replace(near, parameters={name: near.parameters.get(name, 0.0) for name in names})
         return cls(
             time=near.final_time - near.initial_time,
-            x=_states(problem, near),
+            x=state_magnitudes(problem, near),
             p=_widths(problem.parameter_box),
             cost=objective_size(problem, near) / _WEIGHT,
             near=near,
@@ -104,7 +104,7 @@ class Scale:
         return _size(float(values[np.isfinite(values)].max(initial=0.0)))
 
 
-def _states(problem: Problem, near: Solution) -> np.ndarray:
+def state_magnitudes(problem: Problem, near: Solution) -> np.ndarray:
     """Return the magnitudes of the states (nx,): what they reach near a solution, at their given
     ends, and in part by motions from the start; else their bounds'.
     """

@@ -111,7 +111,9 @@ class _Ends:
         free = np.random.default_rng(6).standard_normal(size.size)
         fixed_at = {*fixed, *(last.size + i for i, _ in _fixed(problem.start_box))}
         free[list(fixed_at)] = 0.0
-        return _met(cls(problem, w, given / size + _STRAY * free, held_, tuple(fixed), kept_, size))
+        at = given / size + _STRAY * free
+        held_, kept_ = (_measured(each, w, at) for each in (held_, kept_))
+        return _met(cls(problem, w, at, held_, tuple(fixed), kept_, size))
 
     @property
     def all(self) -> Expr:
@@ -119,19 +121,15 @@ class _Ends:
         return casadi.vertcat(self.kept, self.held)
 
     def slopes(self) -> np.ndarray:
-        """Return the slopes (k + m, n) of what is kept and held, as rows of length 1."""
+        """Return the slopes (k + m, n) of what is kept and held."""
         function = casadi.Function("s", [self.w], [casadi.jacobian(self.all, self.w)])
-        rows = function(self.at).full()
-        length = np.linalg.norm(rows, axis=1, keepdims=True)
-        unit: np.ndarray = rows / np.where(length > _RANK, length, 1.0)
-        return unit
+        return np.array(function(self.at).full())
 
     def dependences(self) -> np.ndarray:
         """Return factors (r, k + m) of the equations with which their slopes cancel, a conserved
         quantity among them.
         """
-        function = casadi.Function("s", [self.w], [casadi.jacobian(self.all, self.w)])
-        rows, k = function(self.at).full(), self.kept.numel()
+        rows, k = self.slopes(), self.kept.numel()
         u, s, _ = np.linalg.svd(rows, full_matrices=True)
         left = u[:, np.append(s, np.zeros(u.shape[0] - s.size)) <= _RANK * max(s[0], 1.0)].T
         some: np.ndarray = left[np.abs(left[:, :k]).max(axis=1, initial=0.0) > _RANK**0.5]
@@ -140,6 +138,13 @@ class _Ends:
 
 def _fixed(box: np.ndarray) -> list[tuple[int, float]]:
     return [(int(i), float(box[0, i])) for i in np.flatnonzero(box[0] == box[1])]
+
+
+def _measured(equations: Expr, w: Expr, at: np.ndarray) -> Expr:
+    """Return equations (m, 1), each over the length of its slope at a point."""
+    slopes = casadi.Function("s", [w], [casadi.jacobian(equations, w)])(at).full()
+    length = np.linalg.norm(slopes, axis=1)
+    return equations / casadi.DM(np.where((length > 0) & np.isfinite(length), length, 1.0))
 
 
 def _column(interval: tuple[float, float]) -> np.ndarray:

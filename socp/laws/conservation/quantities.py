@@ -21,7 +21,8 @@ def conserved(problem: Problem) -> tuple[Expr, ...]:
     motion, whatever the controls are: the norm of a spin, a total population.
 
     They are the null vectors of the derivatives along f0 and the control fields at random states,
-    every symbol at its own size; each is held against as many states again.
+    every symbol at its own size; each is held against as many states again. Linear ones go first,
+    and what is a function of those before it, such as the square of a total, is left out.
     """
     z = casadi.vertcat(problem.x, time)
     each = _MORE * _count(z.numel()) / (1 + problem.u.numel())  # a point gives a row a field
@@ -32,11 +33,11 @@ def conserved(problem: Problem) -> tuple[Expr, ...]:
     )
     if first.shape[0] < first.shape[1]:
         return ()
-    terms = np.abs(first).max(axis=1, keepdims=True)
-    _, s, vt = np.linalg.svd(first / np.where(terms > 0, terms, 1.0), full_matrices=True)
-    null = _echelon(vt[np.append(s, np.zeros(vt.shape[0] - s.size)) <= _ROUNDING * max(s[0], TINY)])
-    kept = [row for row in null if _vanishes(last, row)]
-    return tuple(_polynomial(z / size, row) for row in kept)
+    n = size.size
+    linear = _null(first[:, :n])
+    linear = np.hstack([linear, np.zeros((linear.shape[0], first.shape[1] - n))])
+    constant = [row for row in (*linear, *_null(first)) if _vanishes(last, row)]
+    return tuple(_polynomial(z / size, row) for row in _independent(constant, n))
 
 
 def _count(n: int) -> int:
@@ -86,6 +87,30 @@ def _derivatives(problem: Problem, size: np.ndarray, points: np.ndarray) -> np.n
     found = np.vstack(rows)
     finite: np.ndarray = found[np.isfinite(found).all(axis=1)]
     return finite
+
+
+def _null(rows: np.ndarray) -> np.ndarray:
+    """Return a basis (k, n) of what vanishes on rows (m, n), each of them counted alike."""
+    terms = np.abs(rows).max(axis=1, keepdims=True)
+    _, s, vt = np.linalg.svd(rows / np.where(terms > 0, terms, 1.0), full_matrices=True)
+    small = np.append(s, np.zeros(vt.shape[0] - s.size)) <= _ROUNDING * max(float(s[0]), TINY)
+    return _echelon(vt[small])
+
+
+def _independent(polynomials: list[np.ndarray], n: int) -> list[np.ndarray]:
+    """Return the polynomials of n symbols whose slopes at a random point are independent of those
+    before.
+    """
+    y, kept, slopes = np.random.default_rng(7).standard_normal(n), [], np.empty((0, n))
+    for row in polynomials:
+        square = np.zeros((n, n))
+        if row.size > n:
+            square[np.triu_indices(n)] = row[n:]
+        slope = row[:n] + (square + square.T) @ y
+        more = np.vstack([slopes, slope / max(float(np.linalg.norm(slope)), TINY)])
+        if np.linalg.svd(more, compute_uv=False)[-1] > _ROUNDING**0.5 and len(more) <= n:
+            kept, slopes = [*kept, row], more
+    return kept
 
 
 def _echelon(null: np.ndarray) -> np.ndarray:

@@ -1,0 +1,111 @@
+"""Programmes in magnitudes of their own: nothing in them depends on the units of a problem."""
+
+from typing import Any
+
+import casadi
+import numpy as np
+import pytest
+
+from socp.methods import default_guess
+from socp.model import Problem, controls, final_time, states
+from socp.model.word import Mode, Word
+from socp.solvers import default_backend
+from socp.transcription import collocate, follow, lgr, radau_iia, single_phase, uniform
+
+x, v = states("x v")
+u = controls("u")
+
+
+def braking(length: float = 1.0, second: float = 1.0, worth: float = 1.0) -> Problem:
+    """Return a cart that goes 100 with a speed limit 5 for least time and fuel, in units that are
+    so much smaller.
+    """
+    speed = length / second
+    force = speed / second
+    return Problem(
+        name="cart",
+        minimise=worth * final_time / second,
+        running=worth * 0.1 * u / force / second,
+        dynamics={x: v, v: u},
+        bounds={u: (-force, force), v: (0, None)},
+        path={"limit": v <= 5 * speed},
+        start={x: 0, v: 0},
+        end={v: 0},
+        target={"far": x == 100 * length},
+    )
+
+
+UNITS = [(1e6, 1e-6, 1e4), (1e-6, 1e3, 1e-5), (1e5, 1e6, 1.0)]
+
+
+def programme(problem: Problem) -> Any:
+    return collocate(single_phase(problem), [uniform(radau_iia(2), 6)], default_guess(problem))
+
+
+@pytest.mark.parametrize("units", UNITS)
+def test_the_programme_is_the_same_in_other_units(units: tuple[float, float, float]) -> None:
+    one, other = programme(braking()), programme(braking(*units))
+    start = one.push(default_guess(braking())).v
+    assert other.push(default_guess(braking(*units))).v == pytest.approx(start, rel=1e-9)
+    assert other.problem.v_box == pytest.approx(one.problem.v_box, rel=1e-9)
+    assert other.problem.g_box == pytest.approx(one.problem.g_box, rel=1e-9)
+    at = start + 0.1 * np.random.default_rng(1).standard_normal(start.size)
+    values = [
+        casadi.Function("nlp", [each.problem.v], [each.problem.f, each.problem.g])(at)
+        for each in (one, other)
+    ]
+    assert float(values[1][0]) == pytest.approx(float(values[0][0]), rel=1e-9)
+    assert values[1][1].full() == pytest.approx(values[0][1].full(), rel=1e-9, abs=1e-9)
+
+
+def test_variables_and_the_objective_are_of_size_one_and_ten() -> None:
+    own = braking(1e9, 1e-5, 1e12)
+    reduced = programme(own)
+    assert np.abs(reduced.push(default_guess(own)).v).max() < 10
+    assert reduced.problem.unit * 10 == pytest.approx(
+        1e12 * default_guess(own).final_time / 1e-5, rel=0.3
+    )
+
+
+def test_points_come_back_in_the_units_of_the_problem() -> None:
+    own = braking(1e4, 1e-3, 1e2)
+    guess, mesh = default_guess(own), [uniform(radau_iia(2), 8)]
+    with_units = collocate(single_phase(own), mesh)
+    scaled = collocate(single_phase(own), mesh, guess)
+    back = scaled.lift(scaled.push(guess))
+    assert back.rows("x") == pytest.approx(with_units.lift(with_units.push(guess)).rows("x"))
+    found = scaled.lift(default_backend()(scaled.problem, scaled.push(guess)))
+    plain = programme(braking())
+    known = plain.lift(default_backend()(plain.problem, plain.push(default_guess(braking()))))
+    assert found.stop.ok
+    assert found.objective == pytest.approx(1e2 * known.objective, rel=0.1)
+    assert found.trace["objective"][-1] == pytest.approx(found.objective)
+
+
+@pytest.mark.parametrize("units", UNITS)
+def test_costates_and_multipliers_are_those_of_the_problem(
+    units: tuple[float, float, float],
+) -> None:
+    length, second, worth = units
+    known, found = (
+        reduced.lift(default_backend()(reduced.problem, reduced.push(default_guess(own))))
+        for own, reduced in ((each, programme(each)) for each in (braking(), braking(*units)))
+    )
+    assert found.objective == pytest.approx(worth * known.objective, rel=1e-8)
+    size = worth / np.array([[length], [length / second]])
+    assert found.rows("costate") / size == pytest.approx(known.rows("costate"), rel=1e-4, abs=1e-6)
+    limit = [each.arcs[0].multipliers["limit"] for each in (known, found)]
+    factor = worth / second / (length / second)
+    assert limit[1][1:] / factor == pytest.approx(limit[0][1:], rel=1e-3, abs=1e-5)
+
+
+def test_arcs_along_a_word_are_scaled_as_well() -> None:
+    arcs = tuple((mode,) for mode in (Mode("upper"), Mode("boundary", "limit"), Mode("lower")))
+    one, other = (
+        collocate(follow(each, Word(("u",), arcs)), [uniform(lgr(4), 1)] * 3, default_guess(each))
+        for each in (braking(), braking(1e6, 1e-6, 1e4))
+    )
+    assert other.problem.g_box == pytest.approx(one.problem.g_box, rel=1e-9)
+    at = np.random.default_rng(2).uniform(0.5, 1.0, one.problem.v.numel())
+    values = [casadi.Function("g", [e.problem.v], [e.problem.g])(at).full() for e in (one, other)]
+    assert values[1] == pytest.approx(values[0], rel=1e-9, abs=1e-9)
