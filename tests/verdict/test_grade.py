@@ -288,6 +288,28 @@ def test_explicit_time_and_a_free_initial_time() -> None:
     assert graded(problem, found).error < 1e-3 / 12
 
 
+def test_an_end_on_a_limit_has_no_multipliers_that_cancel() -> None:
+    """Rest to rest over 1 with |u| <= 1, both ends on limits of the place: tf = 2, however the
+    multipliers of an end and of its limit are shared.
+    """
+    x, v = states("x v")
+    u = controls("u")
+    problem = Problem(
+        name="shuttle",
+        minimise=final_time,
+        dynamics={x: v, v: u},
+        bounds={u: (-1, 1), x: (0, 1), v: (0, None)},
+        start={x: 0, v: 0},
+        end={x: 1, v: 0},
+    )
+    found = judge(problem, on(problem, uniform(euler(), 101)))
+    mine = graded(problem, found)
+    assert abs(found.objective - 2.0) <= mine.error < 0.1
+    multipliers = weighed(problem, found)[1]
+    assert np.abs(multipliers.tie).max() < 10.0
+    assert np.abs(multipliers.jump).max() < 10.0
+
+
 # -- what is spoilt
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from socp.model import Feasibility, Grade, Mode, Place, Problem, Solution, mayer_function
 from socp.verdict.grading.pieces import NODES, Pieces
-from socp.verdict.grading.unknowns import Unknowns, ties
+from socp.verdict.grading.unknowns import Unknowns
 from socp.verdict.grading.weighing import Weights, weights
 
 # Times what better controls gain at the given costate: a switch moves the costate as it moves, and
@@ -43,11 +43,9 @@ def grade(problem: Problem, solution: Solution) -> Grade | None:
     seen = solution.verified[0]
     dynamics, ends, path = _motion(unknowns, found), _ends(unknowns, found), _path(unknowns, found)
     value = cost + dynamics + ends + path
-    reached = [np.array(seen.end), *unknowns.ends[1:]]
-    at_end = float(found.tie @ np.array([tie.value for tie in ties(problem, reached)]))
     gain = _gain(unknowns, found) + found.gain
     off = max(abs(each - value) for each in (solution.objective, seen.objective))
-    second = abs(seen.objective + at_end - value)
+    second = abs(seen.objective + float(found.tie @ unknowns.reached) - value)
     second += (abs(dynamics) + abs(ends) + abs(path)) * _apart(seen)
     error = off + _GAIN * gain + second
     return Grade(

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from socp.model import (
+    EXTREMAL,
     TINY,
     Problem,
     Solution,
@@ -117,6 +118,12 @@ class Unknowns:
         return ties(self.problem, self.ends)
 
     @cached_property
+    def reached(self) -> np.ndarray:
+        """Values (ties,) of what is asked of the ends, at the end that the control reaches."""
+        x = np.array(self.solution.verified[0].end)
+        return np.array([tie.value for tie in ties(self.problem, [x, *self.ends[1:]])])
+
+    @cached_property
     def mayer(self) -> list[np.ndarray]:
         """Slopes of the Mayer term in x(tf), x(t0), p, t0, tf."""
         return [each.full().ravel() for each in mayer_slopes(self.problem)(*self.ends)]
@@ -149,6 +156,23 @@ class Unknowns:
         counts = (self.pieces.count * self.scale.size, len(self.ties))
         begins = np.cumsum([*counts, *(each.shape[1] for each in self.active)])
         return int(begins[0]), int(begins[1]), int(begins[2]), int(begins[3])
+
+    @cached_property
+    def distance(self) -> np.ndarray:
+        """How far (unknowns,) what every multiplier belongs to is from being met, ends by the
+        returned or the re-integrated motion, and by `EXTREMAL` at least: where an end and a limit
+        say the same, their multipliers must not grow against each other for nothing.
+        """
+        ends, density, jump, count = self.first
+        values = np.array([tie.value for tie in self.ties])
+        missed = np.maximum(np.abs(values), np.abs(self.reached))
+        c = np.abs(self.pieces.values["c"][:, :NODES])
+        along = np.einsum("kd,kdj->kj", self.pieces.weights, c)
+        far = np.zeros(count)
+        far[ends:density] = np.maximum(missed, EXTREMAL / self.unit[ends:density])
+        far[density:jump] = along[tuple(self.active[0])]
+        far[jump:] = np.abs(self.joints["c"])[tuple(self.active[1])]
+        return far
 
     @cached_property
     def unit(self) -> np.ndarray:
@@ -197,6 +221,14 @@ class Unknowns:
         offset = self.pieces.values["L1"][:, at] + lines[..., nx]
         matrix = self._along(lines[..., :nx], lines[..., nx + 1 :], rows, rows.size)
         return Form(offset.ravel(), matrix)
+
+    def tied(self) -> Iterator[Free]:
+        """Yield the multipliers of equations at the ends, each with what they miss either way."""
+        for k, tie in enumerate(self.ties):
+            if not tie.signed:
+                missed, one = self.distance[self.first[0] + k], np.eye(len(self.ties))[k]
+                alone = self._row(one, np.zeros(self.active[1].shape[1]))
+                yield Free(Form(np.zeros(1), alone), missed, missed)
 
     def free(self) -> Iterator[Free]:
         """Yield the numbers that the problem leaves free."""

@@ -11,7 +11,6 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.sparse import csr_array, diags_array, eye_array, hstack, vstack
 
-from socp.verdict.grading.pieces import NODES
 from socp.verdict.grading.unknowns import Free, Unknowns
 
 _SECONDS = 10.0  # for the programme: that of a thousand pieces along a boundary takes a few
@@ -38,11 +37,12 @@ def weights(unknowns: Unknowns, size: float) -> Weights | None:
     """Return the multipliers of least gain, None where no programme finds them.
 
     The gain is the integral of H(u) - min H over the box of the controls, plus that of what is
-    free; multipliers of what is not met exactly count with the distance. `size` is the objective's.
+    free; every multiplier counts with the distance of its condition from being met. `size` is the
+    objective's.
     """
     unit = unknowns.unit * size
     frees = list(unknowns.free())
-    found = _least(_programme(unknowns, unit, frees, size))
+    found = _least(_programme(unknowns, unit, [*frees, *unknowns.tied()], size))
     return None if found is None else _weights(unknowns, found[: unit.size] * unit, frees)
 
 
@@ -93,30 +93,21 @@ def _programme(unknowns: Unknowns, unit: np.ndarray, frees: list[Free], size: fl
         right.append(-factor * form.offset)
     rows = np.tile(unknowns.scale / size, pieces.count)
     equations = diags_array(rows) @ adjoint.matrix @ columns
-    _, density, _, count = unknowns.first
+    ends, density, _, count = unknowns.first
+    either = np.ones(density, dtype=bool)
+    either[ends:] = [not tie.signed for tie in unknowns.ties]
     bound = np.zeros(count + gains)
-    bound[:density] = -np.inf
-    bound[unknowns.first[0] : density][[tie.signed for tie in unknowns.ties]] = 0.0
+    bound[:density][either] = -np.inf
+    distance = unknowns.distance.copy()
+    distance[:density][either] = 0.0  # of these the lines count it, with either sign
     return _Programme(
-        cost=np.append(_distance(unknowns) * unit / size, np.ones(gains)),
+        cost=np.append(distance * unit / size, np.ones(gains)),
         lines=vstack(lines).tocsr(),
         right=np.concatenate(right),
         equations=hstack([equations, csr_array((rows.size, gains))]).tocsr(),
         given=-rows * adjoint.offset,
         low=bound,
     )
-
-
-def _distance(unknowns: Unknowns) -> np.ndarray:
-    """Return how far what every multiplier belongs to is from being met, nothing for costates."""
-    ends, density, jump, count = unknowns.first
-    distance = np.zeros(count)
-    distance[ends:density] = [abs(tie.value) if tie.signed else 0.0 for tie in unknowns.ties]
-    c = np.abs(unknowns.pieces.values["c"][:, :NODES])
-    along = np.einsum("kd,kdj->kj", unknowns.pieces.weights, c)
-    distance[density:jump] = along[tuple(unknowns.active[0])]
-    distance[jump:] = np.abs(unknowns.joints["c"])[tuple(unknowns.active[1])]
-    return distance
 
 
 def _least(programme: _Programme) -> np.ndarray | None:
