@@ -51,7 +51,9 @@ def facts(problem: "Problem", solution: "Solution") -> dict[str, Any]:
 
 def plain(verdict: "Verdict") -> dict[str, Any]:
     """Return a verdict as plain values, what follows from them included."""
-    derived = {
+    from socp.model import ladder, rung_of
+
+    derived: dict[str, Any] = {
         name: getattr(verdict, name)
         for name in ("feasible", "extremal", "approximate", "residual", "reasons", "rings")
     }
@@ -59,6 +61,8 @@ def plain(verdict: "Verdict") -> dict[str, Any]:
     own["findings"] = [finding.data for finding in verdict.findings]
     own["grade"] = None if verdict.grade is None else asdict(verdict.grade)
     own["second_order"] = verdict.second_order and verdict.second_order.data
+    derived["rung"] = rung_of(verdict).name
+    derived["ladder"] = [{**asdict(step), "rung": step.rung.name} for step in ladder(verdict)]
     return {**derived, **own}
 
 

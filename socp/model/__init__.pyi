@@ -32,7 +32,6 @@ from .findings import Agreement as Agreement
 from .findings import Condition as Condition
 from .findings import Feasibility as Feasibility
 from .findings import Finding as Finding
-from .findings import Grade as Grade
 from .findings import Node as Node
 from .findings import Place as Place
 from .findings import Verdict as Verdict
@@ -45,6 +44,11 @@ from .graph import TRIGONOMETRIC as TRIGONOMETRIC
 from .graph import fold as fold
 from .graph import interpret as interpret
 from .graph import operation_names as operation_names
+from .ladder.grade import Grade as Grade
+from .ladder.rungs import Rung as Rung
+from .ladder.rungs import Step as Step
+from .ladder.rungs import ladder as ladder
+from .ladder.rungs import rung_of as rung_of
 from .ladder.second_order import Curvature as Curvature
 from .ladder.second_order import Descent as Descent
 from .ladder.second_order import Minimum as Minimum

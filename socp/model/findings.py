@@ -9,6 +9,7 @@ from typing import Any, final
 import numpy as np
 
 from socp.model.data.views import view
+from socp.model.ladder.grade import Grade
 from socp.model.ladder.second_order import SecondOrder
 from socp.model.tolerances import APPROXIMATE, EXTREMAL, FEASIBLE, TINY
 from socp.model.word import Mode
@@ -108,8 +109,6 @@ class Agreement:
 
 # half as much variation again as the control's running mean: more than the shape of any arc adds
 RINGS = 1.5
-# of the largest curvature along a singular arc: against it by more than the noise of a good grid
-AGAINST = 1e-2
 
 
 class Condition(Enum):
@@ -242,32 +241,6 @@ class Finding:
         place = f" on {self.where}" if self.where else ""
         when = f" at t = {self.t:.6g}" if self.t is not None else ""
         return f"{self.condition}{place}{when}: {self.residual:.1e}"
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class Grade:
-    """How far the objective is from that of the extremal nearby (`socp.verdict.grading.grade`).
-
-    In its units, `error`: of the objective, as returned and as reached; `objective`: that of the
-    Lagrangian; `gain`: what better controls would gain; `dynamics`, `ends`, `path`: multipliers
-    times what is missed of these; `size`: the magnitude of its terms. `curvature`, relative: the
-    Legendre-Clebsch expression at its worst on singular arcs that are no switches.
-    """
-
-    objective: float
-    error: float
-    gain: float
-    dynamics: float
-    ends: float
-    path: float
-    size: float
-    curvature: float
-
-    @property
-    def curved(self) -> bool:
-        """Whether no singular arc is clearly of the wrong curvature."""
-        return self.curvature >= -AGAINST
 
 
 @final

@@ -33,6 +33,7 @@ from .recording.summary import comparison as comparison
 from .report import Line as Line
 from .report import Row as Row
 from .report import Tone as Tone
+from .report import ladder_row as ladder_row
 from .report import signed_error as signed_error
 from .report import small as small
 from .report import solution_rows as solution_rows

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, final
 
 from socp.errors import MethodError
 from socp.model import APPROXIMATE, EXTREMAL, FEASIBLE
+from socp.view.ladder import minimum_line, order_lines, rung_texts
 from socp.view.outcomes import Outcome, infeasible, outcome_of
-from socp.view.second_order import minimum_line, order_lines
 
 if TYPE_CHECKING:  # `socp --help` loads this module, and casadi is not worth it there
     from socp.model import Feasibility, Grade, Problem, Solution, Verdict
@@ -101,6 +101,15 @@ def verdict_rows(verdict: "Verdict") -> list[Row]:
         ),
     ]
     return [row for row in rows if row.lines]
+
+
+def ladder_row(verdict: "Verdict") -> Row:
+    """Return the rungs of the ladder that a verdict was asked for, with what decides each."""
+    tones = {True: Tone.GOOD, False: Tone.NOTE}
+    lines = (
+        ((answer, tones[holds]), (said, Tone.PLAIN)) for answer, holds, said in rung_texts(verdict)
+    )
+    return Row("ladder", tuple(lines))
 
 
 def conditions(verdict: "Verdict") -> list[tuple[str, str, str]]:

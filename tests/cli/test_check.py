@@ -114,3 +114,17 @@ def test_derivatives_of_a_certified_result(capsys: pytest.CaptureFixture[str]) -
     ]
     assert main(["sensitivity", "cart.socp.json", "--to", "mass"]) == 2
     assert "'mass' is no datum of the problem; there are start.x" in capsys.readouterr().err
+
+
+def test_a_rung_that_is_required_sets_the_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
+    along = ["solve", "cart.py", "-m", "lgr-multiphase", "-o", "word=+ -"]
+    assert main([*along, "--require", "strong"]) == 0
+    assert main(["check", "cart.socp.json", "--require", "strong"]) == 0
+    assert "yes strict strong local minimum: Agrachev" in capsys.readouterr().out
+    grid = ["solve", "cart.py", "-m", "trapezoidal", "-o", "steps=40", "--out", "grid.json"]
+    assert main([*grid, "--require", "feasible"]) == 0
+    assert main(["check", "grid.json", "--require", "extremal"]) == 1
+    assert main(["check", "grid.json", "--require", "feasible"]) == 0
+    capsys.readouterr()
+    assert main(["check", "grid.json", "--require", "perfect"]) == 2
+    assert "'perfect' is not one of 'feasible', 'approximate'" in capsys.readouterr().err

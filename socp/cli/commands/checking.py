@@ -6,10 +6,11 @@ import click
 from rich.table import Table
 
 from socp.cli.opening import open_result, problem_missing
+from socp.cli.outcome import reaches, require_option
 from socp.cli.session import Exit, Session, heading, show, write_json
 from socp.cli.show import plain, table_lines
 from socp.errors import ProblemError
-from socp.view import Outcome, Row, Tone, outcome_of, verdict_rows
+from socp.view import Outcome, Row, Tone, ladder_row, outcome_of, verdict_rows
 
 if TYPE_CHECKING:
     from socp.model import Verdict
@@ -20,9 +21,12 @@ if TYPE_CHECKING:
 @click.option(
     "--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: that of the result]"
 )
+@require_option
 @click.option("--json", "as_json", is_flag=True, help="Write the verdict as JSON.")
 @click.pass_obj
-def check(session: Session, /, result: str, problem: str | None, as_json: bool) -> int:
+def check(
+    session: Session, /, result: str, problem: str | None, require: str | None, as_json: bool
+) -> int:
     """Judge a saved result: whether it is feasible, whether it is an extremal of Pontryagin's
     principle, how clearly.
 
@@ -43,7 +47,9 @@ def check(session: Session, /, result: str, problem: str | None, as_json: bool) 
         write_json({"problem": found.name, "word": solution.word, **plain(verdict)})
     else:
         show(heading(found.name, found.title), details(verdict))
-    return Exit.SOLVED if outcome_of(solution) is Outcome.EXTREMAL else Exit.UNSOLVED
+    if require is None:
+        return Exit.SOLVED if outcome_of(solution) is Outcome.EXTREMAL else Exit.UNSOLVED
+    return Exit.SOLVED if reaches(solution, require) else Exit.UNSOLVED
 
 
 def details(verdict: "Verdict") -> Table:
@@ -51,4 +57,4 @@ def details(verdict: "Verdict") -> Table:
     said, *more = verdict_rows(verdict)
     tones = {True: Tone.PLAIN, False: Tone.BAD}
     each = tuple(((str(finding), tones[finding.holds]),) for finding in verdict.findings)
-    return table_lines([said, Row("conditions", each), *more])
+    return table_lines([said, ladder_row(verdict), Row("conditions", each), *more])

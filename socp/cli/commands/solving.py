@@ -9,7 +9,7 @@ import click
 from socp.cli.commands.recording import live_option, record_option, recording, recording_watch
 from socp.cli.keeping import Place, keep
 from socp.cli.options import DEFAULT_METHOD, pairs
-from socp.cli.outcome import code, outcome
+from socp.cli.outcome import code, require_option
 from socp.cli.progress import progress
 from socp.cli.running import made, run_method
 from socp.cli.session import (
@@ -47,6 +47,7 @@ class Asked:
     record: str | None
     live: bool
     strict: bool
+    require: str | None
     as_json: bool
     quiet: bool
 
@@ -93,6 +94,7 @@ class Asked:
 @click.option(
     "--strict", is_flag=True, help="Exit code 1 unless the result is certified as an extremal."
 )
+@require_option
 @record_option
 @live_option
 @click.option("--json", "as_json", is_flag=True, help="Write the report as JSON.")
@@ -105,7 +107,8 @@ def solve(session: Session, /, **given: Any) -> int:
     to the result file.
 
     Exit code 0 if there is an answer: a certified extremal, or a feasible point at which the solver
-    met its tolerances; the report's outcome says which. With --strict a certified extremal only.
+    met its tolerances; the report's outcome says which. With --strict a certified extremal only,
+    with --require what reaches a rung of the ladder.
     Exit code 1 if the solver reached its limit, failed, or ended at a point that misses the
     problem's conditions; the result is written all the same.
     """
@@ -134,10 +137,10 @@ def solve(session: Session, /, **given: Any) -> int:
         _show(problem, solution, place.path, as_json=asked.as_json)
     for line in registry.solved(problem, solution):
         session.warn(line)
-    return _ended(session, solution, place, strict=asked.strict)
+    return _ended(session, solution, place, asked)
 
 
-def _ended(session: Session, solution: "Solution", place: Place, *, strict: bool) -> int:
+def _ended(session: Session, solution: "Solution", place: Place, asked: Asked) -> int:
     """Say what else there is to know of a result, and return the exit code."""
     place.check()
     if place.said:
@@ -148,7 +151,7 @@ def _ended(session: Session, solution: "Solution", place: Place, *, strict: bool
     if solution.stop.name == "INTERRUPTED":
         session.note(f"interrupted: the last iterate is in {place.path}")
         return Exit.INTERRUPTED
-    return code(outcome(solution), strict=strict)
+    return code(solution, strict=asked.strict, required=asked.require)
 
 
 def _show(problem: "Problem", solution: "Solution", path: Path, *, as_json: bool) -> None:

@@ -21,11 +21,11 @@ from socp.model.findings import (
     Condition,
     Feasibility,
     Finding,
-    Grade,
     Node,
     Place,
     Verdict,
 )
+from socp.model.ladder.grade import Grade
 from socp.model.ladder.second_order import Curvature, Descent, Minimum, SecondOrder
 from socp.model.solution import Solution, Stop
 from socp.model.word import Mode

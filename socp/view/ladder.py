@@ -1,10 +1,10 @@
-"""What the second order says of an extremal, in words."""
+"""What is said of an extremal beyond the principle, in words: its second order, its ladder."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # `socp --help` loads the report, and casadi is not worth it there
-    from socp.model import Curvature, Descent, SecondOrder
+    from socp.model import Curvature, Descent, SecondOrder, Verdict
 
 
 def minimum_line(found: "SecondOrder") -> str:
@@ -26,6 +26,22 @@ def order_lines(found: "SecondOrder") -> Iterator[str]:
         yield f"with the singular control free: {curvature_text(found.singular)}"
     if found.kind.shown:
         yield from (f"no more is claimed: {limit}" for limit in found.limits)
+
+
+def rung_texts(verdict: "Verdict") -> Iterator[tuple[str, bool, str]]:
+    """Yield the rungs of the ladder: whether it holds, in words and as a value, and what decides
+    it.
+    """
+    from socp.model import Rung, ladder
+
+    for step in ladder(verdict):
+        figure = ""
+        if step.figure is not None and step.allowed is not None:
+            sign = "above" if step.rung is Rung.WORD else "at most"
+            figure = f"{step.figure:.1e}, {sign} {step.allowed:.1e}"
+        said = "; ".join(filter(None, (figure, step.why)))
+        answer = f"{'yes' if step.holds else 'no':4}{step.rung.value}"
+        yield answer, step.holds, f": {said}" if said else ""
 
 
 def curvature_text(found: "Curvature") -> str:
