@@ -101,7 +101,8 @@ def _independent(polynomials: list[np.ndarray], n: int) -> list[np.ndarray]:
     """Return the polynomials of n symbols whose slopes at a random point are independent of those
     before.
     """
-    y, kept, slopes = np.random.default_rng(7).standard_normal(n), [], np.empty((0, n))
+    y, slopes = np.random.default_rng(7).standard_normal(n), np.empty((0, n))
+    kept: list[np.ndarray] = []
     for row in polynomials:
         square = np.zeros((n, n))
         if row.size > n:
