@@ -8,5 +8,5 @@ from .frontier import best_by_switches as best_by_switches
 from .frontier import distinct_rows as distinct_rows
 from .frontier import limit as limit
 from .frontier import limit_switches as limit_switches
-from .store import Kept as Kept
+from .store import Store as Store
 from .store import fingerprint as fingerprint

@@ -19,7 +19,7 @@ from socp.search import Ration, Search, refine
 from socp.solvers import default_backend
 from socp.study.clusters import Census, Outcome, residual
 from socp.study.starts import RECIPE, start
-from socp.study.store import Kept
+from socp.study.store import Store
 from socp.study.workers import asked, results_of
 from socp.transcription import Mesh, euler, single_phase, uniform
 from socp.verdict import judge
@@ -140,10 +140,10 @@ class Tally:
             Progress("", len(self.outcomes), value, float("nan"))
         )
 
-    def keep(self, kept: Kept, outcome: Outcome) -> None:
+    def keep(self, store: Store, outcome: Outcome) -> None:
         """Keep a start on the disk; one that cannot be kept counts all the same."""
         try:
-            kept.write(outcome)
+            store.write(outcome)
         except SolveError as error:
             self.unkept = self.unkept or str(error)
 
@@ -169,7 +169,7 @@ class Tally:
 def survey(
     problem: Problem,
     starts: int,
-    kept: Kept | None = None,
+    store: Store | None = None,
     watch: Watch = silent,
     workers: tuple[int, Callable[[], Problem]] | None = None,
 ) -> Census:
@@ -180,7 +180,7 @@ def survey(
     Ctrl-C, or a true answer of the watch, ends it with the starts finished so far.
     """
     tally = Tally(starts, watch)
-    for number, outcome in (kept.read() if kept else {}).items():
+    for number, outcome in (store.read() if store else {}).items():
         if number < starts:
             tally.add(number, outcome)
     todo = [number for number in range(starts) if number not in tally.outcomes]
@@ -188,7 +188,7 @@ def survey(
     with signals_held():  # what is finished is counted and kept whole
         try:
             with breakable():
-                stopped = _counted(running, tally, kept)
+                stopped = _counted(running, tally, store)
         except KeyboardInterrupt:
             stopped = True
         finally:
@@ -197,13 +197,13 @@ def survey(
 
 
 def _counted(
-    running: Iterator[tuple[int, Outcome | None]], tally: Tally, kept: Kept | None
+    running: Iterator[tuple[int, Outcome | None]], tally: Tally, store: Store | None
 ) -> bool:
     """Count and keep starts as they are finished; returns whether that was stopped."""
     for number, outcome in running:
         with signals_held():
-            if kept is not None and outcome is not None:
-                tally.keep(kept, outcome)
+            if store is not None and outcome is not None:
+                tally.keep(store, outcome)
             stopped = tally.add(number, outcome)
         if stopped:
             return True

@@ -20,7 +20,7 @@ _SCHEMA = 2  # version of the files
 
 @final
 @dataclass(frozen=True)
-class Kept:
+class Store:
     """A directory of finished starts, one JSON file each.
 
     Files of another problem or recipe count for nothing, nor do files that are not as they were

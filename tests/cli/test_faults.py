@@ -38,7 +38,7 @@ from socp.registry.plugins import Registry
 from socp.registry.recorder import read_only
 from socp.solvers.bonmin import Bonmin
 from socp.study.clusters import Outcome
-from socp.study.store import Kept
+from socp.study.store import Store
 from socp.study.workers import results_of
 from socp.transcription.collocation import collocate
 from socp.transcription.mesh import uniform
@@ -161,7 +161,7 @@ OTHERS = {
     ),
     "census, while a start is kept": (
         ("census", "cart.py", "--starts", "3"),
-        "socp.study.store:Kept.write",
+        "socp.study.store:Store.write",
         1,
         "1 of 3 starts are kept",
         True,
@@ -590,7 +590,7 @@ ALTERED: dict[str, Callable[[dict[str, Any]], object]] = {
 def test_a_kept_start_that_was_altered_is_not_believed(
     what: str, certified: Solution, tmp_path: Path
 ) -> None:
-    kept = Kept(tmp_path / "cart.census", "key")
+    kept = Store(tmp_path / "cart.census", "key")
     for number in range(2):
         kept.write(Outcome(number, "default guess", certified, ""))
     path = kept.folder / "start-0000.json"
@@ -602,7 +602,7 @@ def test_a_kept_start_that_was_altered_is_not_believed(
 
 
 def test_a_kept_start_that_was_cut_off_is_not_believed(certified: Solution, tmp_path: Path) -> None:
-    kept = Kept(tmp_path / "cart.census", "key")
+    kept = Store(tmp_path / "cart.census", "key")
     kept.write(Outcome(0, "default guess", certified, ""))
     path = kept.folder / "start-0000.json"
     for text in ("", "null", "[1]", path.read_text()[:-20], "[" * 5000):

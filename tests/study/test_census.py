@@ -29,7 +29,7 @@ from socp.registry.plugins import Registry
 from socp.study.census import Tally, explore, recipe, survey
 from socp.study.clusters import Census, Outcome, clusters
 from socp.study.starts import motion, start
-from socp.study.store import Kept, fingerprint
+from socp.study.store import Store, fingerprint
 from socp.study.workers import results_of
 
 
@@ -94,14 +94,14 @@ def test_a_start_that_leads_nowhere_says_why() -> None:
 
 def test_a_survey_counts_starts_in_clusters_and_keeps_them(tmp_path: Path) -> None:
     problem = cart()
-    kept = Kept(tmp_path / "cart.census", fingerprint(problem, recipe()))
+    store = Store(tmp_path / "cart.census", fingerprint(problem, recipe()))
     seen: list[Progress] = []
 
     def watch(now: Progress, /) -> bool:
         seen.append(now)
         return False
 
-    first = survey(problem, 2, kept, watch)
+    first = survey(problem, 2, store, watch)
     (extremal,) = first.extremals
     assert extremal.starts == (0, 1)
     assert (first.others, first.failed, first.interrupted) == ((), (), False)
@@ -109,27 +109,27 @@ def test_a_survey_counts_starts_in_clusters_and_keeps_them(tmp_path: Path) -> No
     assert math.isnan(seen[0].best)
     assert seen[-1].stage == "2 of 2 starts"
     assert seen[-1].best == pytest.approx(2.0)
-    assert sorted(path.name for path in kept.folder.iterdir()) == [
+    assert sorted(path.name for path in store.folder.iterdir()) == [
         "start-0000.json",
         "start-0001.json",
     ]
 
-    stamp = (kept.folder / "start-0000.json").stat().st_mtime_ns
-    again = survey(problem, 1, kept)
+    stamp = (store.folder / "start-0000.json").stat().st_mtime_ns
+    again = survey(problem, 1, store)
     assert [each.number for each in again.outcomes] == [0]
     assert to_json(again.best) == to_json(first.outcomes[0].solution)
-    assert (kept.folder / "start-0000.json").stat().st_mtime_ns == stamp
+    assert (store.folder / "start-0000.json").stat().st_mtime_ns == stamp
 
 
 @pytest.mark.slow
 def test_workers_find_what_this_process_finds(tmp_path: Path) -> None:
-    kept = Kept(tmp_path / "cart.census", "key")
-    here, there = survey(cart(), 2), survey(cart(), 2, kept, workers=(2, Cart()))
+    store = Store(tmp_path / "cart.census", "key")
+    here, there = survey(cart(), 2), survey(cart(), 2, store, workers=(2, Cart()))
     assert [each.about for each in there.outcomes] == [each.about for each in here.outcomes]
     for a, b in zip(here.outcomes, there.outcomes, strict=True):
         assert a.solution.objective == b.solution.objective
         assert (a.solution.rows("x") == b.solution.rows("x")).all()
-    assert set(kept.read()) == {0, 1}
+    assert set(store.read()) == {0, 1}
 
 
 def test_a_watch_that_has_seen_enough_ends_it() -> None:
@@ -218,20 +218,20 @@ def test_a_tally_without_a_solution_has_no_best() -> None:
 
 
 def test_kept_starts_of_another_formula_or_in_pieces_count_for_nothing(tmp_path: Path) -> None:
-    kept = Kept(tmp_path / "c", "key")
-    kept.write(Outcome(0, "about", made(1.0)))
-    kept.write(Outcome(1, "about", None, "why"))
-    assert {k: (each.about, each.error) for k, each in kept.read().items()} == {
+    store = Store(tmp_path / "c", "key")
+    store.write(Outcome(0, "about", made(1.0)))
+    store.write(Outcome(1, "about", None, "why"))
+    assert {k: (each.about, each.error) for k, each in store.read().items()} == {
         0: ("about", ""),
         1: ("about", "why"),
     }
-    assert to_json(kept.read()[0].solution) == to_json(made(1.0))
-    assert Kept(tmp_path / "c", "other").read() == {}
+    assert to_json(store.read()[0].solution) == to_json(made(1.0))
+    assert Store(tmp_path / "c", "other").read() == {}
     text = (tmp_path / "c" / "start-0000.json").read_text()
     json.loads(text)
     (tmp_path / "c" / "start-0000.json").write_text(text[:-20])
     (tmp_path / "c" / "start-0001.json").write_bytes(b"\xff\xfe")
-    assert kept.read() == {}
+    assert store.read() == {}
 
 
 def test_the_fingerprint_is_of_the_formula_not_of_its_title() -> None:

@@ -87,15 +87,15 @@ def census(session: Session, /, **given: Any) -> int:
     """
     from socp.methods import versions
     from socp.model import check_controls
-    from socp.study import Kept, fingerprint, recipe, survey
+    from socp.study import Store, fingerprint, recipe, survey
 
     session.quiet, starts = given["quiet"], given["starts"]
     posed = load_problem(given["problem"], session.registry(plugins=False))
     check_controls(posed)
     path = writable(Path(given["out"]) if given["out"] else named_after(posed.name, ".socp.json"))
-    kept = Kept(path.parent / named_after(posed.name, ".census"), fingerprint(posed, recipe()))
+    store = Store(path.parent / named_after(posed.name, ".census"), fingerprint(posed, recipe()))
     with progress(messages(), f"{posed.name}, census", quiet=session.quiet) as watch:
-        found = survey(posed, starts, kept, watch, (given["jobs"], Named(given["problem"])))
+        found = survey(posed, starts, store, watch, (given["jobs"], Named(given["problem"])))
     with signals_held():
         best, place = found.best, None
         if best is not None:
@@ -115,7 +115,7 @@ def census(session: Session, /, **given: Any) -> int:
     if found.unkept:
         raise KeepingError(f"{found.unkept}; the table counts them, but another census begins anew")
     if found.interrupted:
-        where = "finished" if found.unkept else f"kept in {kept.folder}"
+        where = "finished" if found.unkept else f"kept in {store.folder}"
         session.note(f"interrupted: {len(found.outcomes)} of {starts} starts are {where}")
         return Exit.INTERRUPTED
     return Exit.SOLVED if found.extremals else Exit.UNSOLVED
