@@ -11,7 +11,18 @@ import casadi
 import numpy as np
 from scipy.optimize import brentq
 
-from socp.model import ROUNDED, SAME_TIME, Arc, Expr, Solution, join, parameters_of, time
+from socp.model import (
+    ROUNDED,
+    SAME_TIME,
+    Arc,
+    Expr,
+    Solution,
+    constraint_function,
+    evaluate,
+    join,
+    parameters_of,
+    time,
+)
 from socp.transcription.kinks import kinks
 from socp.transcription.mesh import Mesh, table, uniform
 from socp.transcription.phases import Phase, PhasedProblem
@@ -26,6 +37,8 @@ _MOST = 100  # cuts of one arc at most, of a table with as many knots
 # Of the range of a constraint's values on an arc: a solver leaves as much at a node where it is
 # active, and between the nodes beside it the constraint is violated
 _TOUCHES = 1e-6
+# Of the same range: a parabola's peak is missed by less, by looks an eighth of an arc apart
+_BLUNT = 0.05
 
 
 @final
@@ -148,22 +161,28 @@ def _touches(looks: "_Looks") -> Iterator[_Joint]:
     and is clearly negative before it and after it.
     """
     problem, phase = looks.phased.of, looks.phase
-    rate, _ = phase.flow(problem)
     for constraint in problem.constraints:
         if constraint.name in phase.kept:
             continue
-        c = constraint.expression
-        slope = casadi.jtimes(c, problem.x, rate) + casadi.jacobian(c, time)
-        if slope.is_constant():
+        times, x = looks.times, looks.arc.at(looks.times)
+        row = evaluate(constraint_function(problem, constraint), x, times, looks.p)[0][0]
+        if not _peaks(row):
             continue
-        (peaks,) = looks.zeros(slope)
-        values, times = looks.values(c), looks.times
-        row = values(times)[0]
+        c, rate = constraint.expression, phase.flow(problem)[0]
+        slope = casadi.jtimes(c, problem.x, rate) + casadi.jacobian(c, time)
+        (peaks,), values = looks.zeros(slope), looks.values(c)
         least = -max(_TOUCHES * float(np.ptp(row)), ROUNDED * looks.size(c))
         for t, rises in peaks if len(peaks) <= _CROWD else ():
             beside = row[times < t].min(initial=0.0), row[times > t].min(initial=0.0)
             if not rises and values(np.array([t]))[0, 0] >= least > max(beside):
                 yield _Joint(t, (c, slope), frozenset({constraint.name}))
+
+
+def _peaks(row: np.ndarray) -> bool:
+    """Tell whether values (n,) along an arc may have a maximum of zero between its ends."""
+    inner = row[1:-1]
+    high = (inner >= row[:-2]) & (inner >= row[2:]) & (inner >= -_BLUNT * np.ptp(row))
+    return bool(high.any())
 
 
 @final
