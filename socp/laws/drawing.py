@@ -71,7 +71,9 @@ def travel_time(problem: Problem, x0: np.ndarray, xf: np.ndarray, t0: float) -> 
 
 def _reach(problem: Problem, x0: np.ndarray, xf: np.ndarray) -> np.ndarray:
     """Move a guessed end state (nx,) within its box until it meets the target conditions, by
-    Gauss-Newton, every state measured by its size there.
+    Gauss-Newton.
+
+    States of like sizes are taken to be of one unit, others are measured by their sizes there.
     """
     if not problem.conditions:
         return xf
@@ -84,13 +86,16 @@ def _reach(problem: Problem, x0: np.ndarray, xf: np.ndarray) -> np.ndarray:
     )
     shown = shown_sizes(problem, np.column_stack([x0, xf]))
     size, free = np.where(shown > 0, shown, 1.0), problem.end_box[0] < problem.end_box[1]
+    parts = enumerate(casadi.vertsplit(problem.x))
+    touched = [k for k, each in parts if casadi.depends_on(values, each)]
+    apart = size[touched].max(initial=0.0) > size[touched].min(initial=np.inf) / _SMALL
     for _ in range(
         30
     ):  # Newton from afar halves a quadratic's distance at every step: 30 cover nine digits
         value, slope = (each.full() for each in function(xf, x0, 0.0, 0.0, 1.0))
         if not np.isfinite(value).all() or not np.isfinite(slope).all():
             break
-        movable = free * np.maximum(np.abs(xf), _SMALL * size)
+        movable = free * (np.maximum(np.abs(xf), _SMALL * size) if apart else 1.0)
         step = movable * (np.linalg.pinv(slope * movable) @ value[:, 0])
         xf = np.clip(xf - step, *problem.end_box)
     return xf
