@@ -51,7 +51,7 @@ def facts(problem: "Problem", solution: "Solution") -> dict[str, Any]:
 
 def plain(verdict: "Verdict") -> dict[str, Any]:
     """Return a verdict as plain values, what follows from them included."""
-    from socp.model import ladder, rung_of
+    from socp.model import ladder_steps, rung_of
 
     derived: dict[str, Any] = {
         name: getattr(verdict, name)
@@ -62,7 +62,7 @@ def plain(verdict: "Verdict") -> dict[str, Any]:
     own["grade"] = None if verdict.grade is None else asdict(verdict.grade)
     own["second_order"] = verdict.second_order and verdict.second_order.data
     derived["rung"] = rung_of(verdict).name
-    derived["ladder"] = [{**asdict(step), "rung": step.rung.name} for step in ladder(verdict)]
+    derived["ladder"] = [{**asdict(step), "rung": step.rung.name} for step in ladder_steps(verdict)]
     return {**derived, **own}
 
 

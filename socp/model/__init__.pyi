@@ -47,7 +47,7 @@ from .graph import operation_names as operation_names
 from .ladder.grade import Grade as Grade
 from .ladder.rungs import Rung as Rung
 from .ladder.rungs import Step as Step
-from .ladder.rungs import ladder as ladder
+from .ladder.rungs import ladder_steps as ladder_steps
 from .ladder.rungs import rung_of as rung_of
 from .ladder.second_order import Curvature as Curvature
 from .ladder.second_order import Descent as Descent

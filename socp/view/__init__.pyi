@@ -1,3 +1,5 @@
+from .errors import signed_error as signed_error
+from .errors import small as small
 from .exports import WRITERS as WRITERS
 from .exports import to_xarray as to_xarray
 from .figures.draw import DEFAULT as DEFAULT
@@ -34,8 +36,6 @@ from .report import Line as Line
 from .report import Row as Row
 from .report import Tone as Tone
 from .report import ladder_row as ladder_row
-from .report import signed_error as signed_error
-from .report import small as small
 from .report import solution_rows as solution_rows
 from .report import stated_error as stated_error
 from .report import switching_times as switching_times

@@ -32,9 +32,9 @@ def rung_texts(verdict: "Verdict") -> Iterator[tuple[str, bool, str]]:
     """Yield the rungs of the ladder: whether it holds, in words and as a value, and what decides
     it.
     """
-    from socp.model import Rung, ladder
+    from socp.model import Rung, ladder_steps
 
-    for step in ladder(verdict):
+    for step in ladder_steps(verdict):
         figure = ""
         if step.figure is not None and step.allowed is not None:
             sign = "above" if step.rung is Rung.WORD else "at most"

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, final
 
 from socp.errors import MethodError
 from socp.model import APPROXIMATE, EXTREMAL, FEASIBLE
+from socp.view.errors import signed_error, small, switch_error
 from socp.view.ladder import minimum_line, order_lines, rung_texts
 from socp.view.outcomes import Outcome, infeasible, outcome_of
 
@@ -155,23 +156,6 @@ def times(values: Sequence[float], digits: int = 12) -> str:
     if len(values) > MANY:
         return f"{len(values)} switches"
     return "  ".join(f"{value:.{digits}g}" for value in values) or "none"
-
-
-def small(value: float) -> str:
-    """Return a violation or an error in two digits."""
-    return "0" if value == 0 else f"{value:.1e}"
-
-
-def signed_error(value: float) -> str:
-    """Return an error with its sign in two digits."""
-    return "0" if value == 0 else f"{value:+.1e}"
-
-
-def switch_error(error: float) -> str:
-    """Return the error of a switching time as text; an infinite one belongs to a time that is not
-    determined.
-    """
-    return f"within {error:.1e}" if math.isfinite(error) else "not determined"
 
 
 def to_reference(problem: "Problem", solution: "Solution") -> dict[str, Any] | None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from socp.model import Condition, Curvature, Finding, Grade, Minimum, Rung, SecondOrder, Verdict
-from socp.model.ladder.rungs import ladder, rung_of
+from socp.model.ladder.rungs import ladder_steps, rung_of
 
 HOLDS = Verdict(miss=1e-9, findings=(Finding(kind=Condition.SIGN, residual=1e-9),))
 BROKEN = Verdict(miss=1e-9, findings=(Finding(kind=Condition.SIGN, residual=1e-3),))
@@ -37,12 +37,12 @@ def of(kind: Minimum) -> Verdict:
 def test_the_highest_rung_that_is_reached(verdict: Verdict | None, rung: Rung) -> None:
     assert rung_of(verdict) is rung
     if verdict is not None:
-        reached = [step.rung for step in ladder(verdict) if step.holds]
+        reached = [step.rung for step in ladder_steps(verdict) if step.holds]
         assert reached[-1:] == ([] if rung is Rung.INFEASIBLE else [rung])
 
 
 def test_every_step_says_what_decides_it() -> None:
-    steps = {step.rung: step for step in ladder(of(Minimum.WORD))}
+    steps = {step.rung: step for step in ladder_steps(of(Minimum.WORD))}
     assert steps[Rung.FEASIBLE].figure == 1e-9
     assert (steps[Rung.WORD].figure, steps[Rung.WORD].allowed) == (2.0, 1e-3)
     assert not steps[Rung.STRONG].holds

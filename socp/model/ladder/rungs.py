@@ -54,7 +54,7 @@ def rung_of(verdict: "Verdict | None") -> Rung:
     return Rung.EXTREMAL if found is None else known.get(found.kind, Rung.EXTREMAL)
 
 
-def ladder(verdict: "Verdict") -> tuple[Step, ...]:
+def ladder_steps(verdict: "Verdict") -> tuple[Step, ...]:
     """Return the rungs above the lowest with what decides each, from below."""
     height, found, grade = rung_of(verdict).height, verdict.second_order, verdict.grade
     curved = None if found is None else found.word
