@@ -18,7 +18,6 @@ from socp import (
     silent,
     single_phase,
     solve_collocated,
-    uniform,
 )
 from socp.methods import scouts
 from socp.model import Stop
@@ -30,6 +29,7 @@ from socp.search import (
     conclude,
     escalate,
     lowered,
+    meshes,
     outdo,
     pursue,
     refine,
@@ -38,7 +38,6 @@ from socp.search import (
 )
 from socp.solvers import default_backend
 from socp.study import limit_switches
-from socp.transcription import euler, radau_iia
 
 _ITERATIONS = 500  # what a direct solve has not reached by then it hardly ever reaches
 
@@ -111,7 +110,7 @@ class Auto(Method):
         return limit_switches(problem, found, self.max_switches, watch, self.backend)
 
     def _search(self) -> Search:
-        return Search(backend=Ration(backend=along_words(self.backend)))
+        return Search(backend=Ration(backend=along_words(self.backend)), seconds=self.seconds)
 
     def _first(
         self,
@@ -125,12 +124,11 @@ class Auto(Method):
         """
         search, directs = known
         backend = self.backend.limited(_ITERATIONS)
-        meshes = uniform(radau_iia(2), self.steps // 2), uniform(euler(), 2 * self.steps)
         for start in starts:
             if start.stop is Stop.INTERRUPTED:
                 return start
             shown: list[Solution] = []
-            for mesh in meshes:
+            for mesh in meshes(problem, self.steps):
                 direct = solve_collocated(single_phase(problem), [mesh], backend, start, watch)
                 directs.append(direct)
                 if direct.stop is Stop.INTERRUPTED:

@@ -13,7 +13,7 @@ from socp.methods.guess import scattered_guesses
 from socp.model import Problem, Solution, Stop, Watch, silent
 from socp.process import seconds_left
 from socp.solvers import Backend, default_backend
-from socp.transcription import collocate, radau_iia, single_phase, uniform
+from socp.transcription import collocate, knotted, radau_iia, single_phase
 
 _STEPS = 20  # intervals: the extremals of a problem differ by more than these are off
 _TOLERANCE, _ITERATIONS = 1e-6, 150  # to tell extremals apart takes no digits
@@ -60,7 +60,8 @@ class _Scouting:
     """Coarse solves from guesses, on one programme; it ends with the time allowed."""
 
     def __init__(self, problem: Problem, guess: Solution, watch: Watch) -> None:
-        self.reduced = collocate(single_phase(problem), [uniform(radau_iia(2), _STEPS)], guess)
+        mesh = knotted(problem, radau_iia(2), _STEPS)
+        self.reduced = collocate(single_phase(problem), [mesh], guess)
         self.watch = lifting_watch(watch, self.reduced)
 
     def all(self, guesses: Iterator[Solution], backend: Backend) -> list[Solution]:

@@ -13,6 +13,7 @@ from socp.solvers import Solver, default_backend
 from socp.transcription import (
     PhasedProblem,
     cut_arcs,
+    cut_at_knots,
     follow,
     lgr,
     refined_meshes,
@@ -61,6 +62,19 @@ class Follower:
         length = (self.dwell, math.inf)
         phased = follow(problem, word, loose=self.loose)
         phased = phased.with_phases(boxed=self.boxed, length=length)
+        if self.dwell:  # a part of an arc may be shorter
+            return self._solved(phased, guess, watch)
+        parts, guess, pieces = cut_at_knots(
+            phased, guess, lambda *_: uniform(lgr(self.points), self.intervals or 1)
+        )
+        found = self._solved(parts, guess, watch)
+        return found if len(pieces) == len(parts.phases) else rejoin(found, pieces)
+
+    def _solved(self, phased: PhasedProblem, guess: Solution, watch: Watch) -> Solution:
+        """Solve a phased problem, cut at the kinks that its solution shows, on meshes that are fine
+        enough.
+        """
+        problem = phased.of
         meshes = [
             uniform(lgr(self.points), self.intervals or count)
             for count in _counts(guess, len(phased.phases))

@@ -15,7 +15,7 @@ from socp.process import seconds_left, time_limit
 from socp.search.effort import Ration, Search, along_words, off, precedes
 from socp.search.refinement import refine
 from socp.solvers import Backend
-from socp.transcription import Mesh, euler, radau_iia, single_phase, uniform
+from socp.transcription import Mesh, euler, knotted, radau_iia, single_phase
 from socp.verdict import chattering, verify
 
 
@@ -91,7 +91,7 @@ def escalate(
         search.begin(Ration(more.work, patient), more.words, more.finer * steps)
         told = _staged(watch, f"round {number} of {len(ROUNDS) + 1}")
         with time_limit(seconds_left() * more.share):
-            how = _meshes(more.finer * steps), backend.limited(_ITERATIONS)
+            how = meshes(problem, more.finer * steps), backend.limited(_ITERATIONS)
             _round(problem, search, directs, how, told)
     search.late = seconds_left() <= 0.0
 
@@ -130,8 +130,9 @@ def _followed(problem: Problem, direct: Solution) -> bool:
     return off(replace(direct, verified=verify(problem, direct))) <= _JUMPED
 
 
-def _meshes(steps: int) -> tuple[Mesh, ...]:
-    return uniform(radau_iia(2), steps // 2), uniform(euler(), 2 * steps)
+def meshes(problem: Problem, steps: int) -> tuple[Mesh, ...]:
+    """Return the grids from which words are read: a precise one, and one that rings little."""
+    return knotted(problem, radau_iia(2), steps // 2), knotted(problem, euler(), 2 * steps)
 
 
 def _starts(problem: Problem, directs: Sequence[Solution]) -> Iterator[Solution]:

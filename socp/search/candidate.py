@@ -66,12 +66,23 @@ def insert_modes(given: Candidate, new: Modes, t: float) -> Candidate:
     length = _SPROUT * (b - a)
     start = float(np.clip(t - length / 2.0, a, b - length))
     start = a if start - a < 2.0 * length else b - length if b - start < 3.0 * length else start
+    return _cut_in(given, new, k, (start, start + length))
+
+
+def held(given: Candidate, control: int, mode: Mode, span: tuple[float, float]) -> Candidate:
+    """Return a candidate with one control in another mode over a span of the arc in its middle."""
+    k = given.place(0.5 * (span[0] + span[1]))
+    arc, (a, b) = given.arcs[k], (given.edges[k], given.edges[k + 1])
+    start, end = float(np.clip(span[0], a, b)), float(np.clip(span[1], a, b))
+    return _cut_in(given, (*arc[:control], mode, *arc[control + 1 :]), k, (start, end))
+
+
+def _cut_in(given: Candidate, new: Modes, k: int, span: tuple[float, float]) -> Candidate:
+    """Return a candidate with all controls in given modes over a span of its arc k."""
     arc = given.arcs[k]
     arcs = (*given.arcs[:k], arc, new, arc, *given.arcs[k + 1 :])
-    cut = Candidate(
-        arcs, (*given.edges[: k + 1], start, start + length, *given.edges[k + 1 :]), given.source
-    )
-    return merged(without_short_arcs(cut, 0.0))
+    edges = (*given.edges[: k + 1], *span, *given.edges[k + 1 :])
+    return merged(without_short_arcs(Candidate(arcs, edges, given.source), 0.0))
 
 
 def without_short_arcs(given: Candidate, shortest: float) -> Candidate:

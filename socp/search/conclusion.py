@@ -13,7 +13,7 @@ from socp.process import seconds_left
 from socp.search.effort import Ration, Search, clearly, off, precedes
 from socp.search.refinement import refine
 from socp.solvers import Backend, default_backend
-from socp.transcription import Mesh, euler, single_phase, trapezoid, uniform
+from socp.transcription import Mesh, euler, knotted, single_phase, trapezoid
 from socp.verdict import certified, chattering, graded, judge, verify
 
 # Iterations times variables from a point that betters a certified one: half of what a search may do
@@ -22,10 +22,11 @@ _WORDS = 20  # words tried there
 # Of the objective: a coarse grid that claims so much less than a certified solution is worth a
 # finer one
 _FAR = 0.05
-_FINER = (
-    uniform(euler(), 800),
-    uniform(trapezoid(), 400),
-)  # after 20 to 200 intervals of the first solves
+_STEPS = 800, 400  # of finer grids, after 20 to 200 intervals of the first solves
+_MORE = 4  # times the seconds that were not enough: what is advised next
+_NEXT = (  # what reads words in another way than this search does
+    "other words: -m mboc searches all of few switches, -m lgr-multiphase -o word='...' tries one"
+)
 _TOLERANCE = 1e-7  # of those: a solution is compared by its re-integration
 _ITERATIONS = 150  # from a solution nearby it takes some ten
 
@@ -119,13 +120,13 @@ def pursue(
     ]
     if less and better_point(problem, search, directs) is None:
         first = min(less, key=lambda each: each.objective)
-        found = [finer(first, mesh) for mesh in _FINER]
+        found = [finer(first, mesh) for mesh in finer.meshes]
         directs += [each for each in found if each is not None and each.stop.ok]
     known = better_point(problem, search, directs)
     if known is None:
         return
     more = Search(backend=Ration(_FURTHER, search.backend.backend), nodes=search.nodes)
-    for mesh in (None, _FINER[0]):
+    for mesh in (None, finer.meshes[0]):
         direct = known if mesh is None else finer(known, mesh)
         if direct is None:
             return
@@ -145,14 +146,15 @@ def explanation(problem: Problem, search: Search) -> str:
     if cut:
         tried += f", {len({each.word for each in cut})} more cut off before they converged"
     if search.late:
-        tried += ", and the time allowed is over: the option seconds allows more"
+        more = f": -o seconds={_MORE * search.seconds:g} allows more" if search.seconds else ""
+        tried += f", and the time allowed is over{more}"
     elif search.spent:
         tried += ", and the work allowed for the search is done"
     if len(search.grids) > 1:
         tried += f"; grids of up to {max(search.grids)} steps"
     best = search.best
     if best is None or best.verdict is None:
-        return tried
+        return f"{tried}; {_NEXT}"
     names = chattering(problem, best)
     if names:
         return (
@@ -162,7 +164,7 @@ def explanation(problem: Problem, search: Search) -> str:
         )
     return (
         f"{tried}; the best one leaves: "
-        f"{best.verdict.reasons[0] if best.verdict.reasons else 'nothing'}"
+        f"{best.verdict.reasons[0] if best.verdict.reasons else 'nothing'}; {_NEXT}"
     )
 
 
@@ -183,7 +185,7 @@ def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -
     best = _first(
         [_verified(problem, each) for k, each in enumerate(worth) if k == 0 or seconds_left() > 0.0]
     )
-    found = [finer(best, mesh) for mesh in _FINER]
+    found = [finer(best, mesh) for mesh in finer.meshes]
     solved = [best, *(each for each in found if each is not None and each.stop.ok)]
     return _first([judge(problem, each) for each in solved])
 
@@ -226,6 +228,13 @@ class _Finer:
     problem: Problem
     backend: Backend
     watch: Watch
+
+    @property
+    def meshes(self) -> tuple[Mesh, Mesh]:
+        """Finer grids than words are read from: the first keeps controls in their box."""
+        schemes = euler(), trapezoid()
+        made = [knotted(self.problem, each, n) for each, n in zip(schemes, _STEPS, strict=True)]
+        return made[0], made[1]
 
     def __call__(self, known: Solution, mesh: Mesh) -> Solution | None:
         """Solve on another mesh; None where that fails."""

@@ -5,12 +5,15 @@ from typing import final
 
 from socp.model import EXTREMAL, FEASIBLE, Node, Solution, Stop, Watch, search_watch, silent
 from socp.process import seconds_left
+from socp.search.candidate import Candidate
 from socp.solvers import NLP, Backend, NLPPoint, default_backend
 
 _WORDS = 80  # words tried in the first round
 # Iterations times variables in the first round: some ten seconds, and the same words at any speed
 _WORK = 1e6
 _SETUP = 10  # iterations that building a programme is worth
+# Relative: objectives of one word that differ by less are the same solution of it
+_BETTER = 1e-7
 _ALIKE = 1e-3  # relative: objectives of one solution on two grids differ by as much
 # Times how far a re-integration is off: what that may be worth in the objective, relative as well
 _WORTH = 3.0
@@ -52,10 +55,10 @@ class Search:
     best solution.
 
     `refine` goes on with it from one direct solution to the next. `grids`: steps of the grids of
-    all rounds; `late`: whether the time allowed ended it.
+    all rounds; `late`: whether the time allowed, `seconds`, ended it.
     """
 
-    solved: set[str] = field(default_factory=set)
+    solved: dict[str, float] = field(default_factory=dict)
     count: int = 0
     best: Solution | None = None
     backend: Ration = field(default_factory=Ration)
@@ -65,14 +68,24 @@ class Search:
     words: int = _WORDS
     grids: list[int] = field(default_factory=list)
     late: bool = False
+    seconds: float = 0.0
 
     def begin(self, backend: Ration, words: int, steps: int) -> None:
         """Begin another round: with so much more work and so many more words, on grids of so many
         steps.
         """
         self.backend, self.words = backend, self.count + words
-        self.solved, self.rounded = set(), False
+        self.solved, self.rounded = {}, False
         self.grids.append(steps)
+
+    def known(self, now: Candidate) -> bool:
+        """Tell whether a word was solved as well as it may be from a candidate's guess: another
+        start is worth it where it is a solution along a word that is already better.
+        """
+        value, source = self.solved.get(now.key), now.source
+        if value is None or not all(arc.lawful for arc in source.arcs):
+            return value is not None
+        return not source.objective < value - _BETTER * abs(value)
 
     def keep(self, solution: Solution) -> None:
         """Keep a judged word if it is the best; `other` remains the best of those that are not

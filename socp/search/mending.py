@@ -10,7 +10,8 @@ import numpy as np
 from socp import laws
 from socp.laws import arc_modes, control_modes
 from socp.model import EXTREMAL, OUTSIDE, SHORTEST, Mode, Place, Problem, Solution
-from socp.search.candidate import Candidate, insert, merged, without_short_arcs
+from socp.search.candidate import Candidate, held, insert, merged, without_short_arcs
+from socp.search.indifference import with_bangs_for
 from socp.verdict import constraint_values, misfit
 
 # -- mending
@@ -79,13 +80,18 @@ def _swapped(given: Candidate, k: int) -> Candidate:
 
 
 def _outside(problem: Problem, now: Candidate) -> Iterator[Candidate]:
-    """Yield what puts a bound where a law leaves the box."""
+    """Yield what puts a bound where a law leaves the box, for as long as it is outside: where it
+    pays to leave it, a shorter one shrinks to none.
+    """
     for arc in now.source.arcs:
         for i, (low, high) in enumerate(problem.box.T):
             excess = np.maximum(low - arc.u[i], arc.u[i] - high)
             k = int(np.argmax(excess))
             if excess[k] > OUTSIDE * (high - low):
                 bound = Mode("upper" if arc.u[i, k] > high else "lower")
+                out = np.flatnonzero(excess > OUTSIDE * (high - low))
+                run = next(r for r in np.split(out, np.flatnonzero(np.diff(out) > 1) + 1) if k in r)
+                yield held(now, i, bound, (float(arc.t[run[0]]), float(arc.t[run[-1]])))
                 yield insert(now, i, bound, float(arc.t[k]))
 
 
@@ -135,6 +141,22 @@ def _pulls(solution: Solution, i: int, t: float) -> float:
     return float(nearest - np.median(solution.rows("u")[i]))
 
 
+def collapsed(tried: Candidate, unsolved: Solution) -> Iterator[Candidate]:
+    """Yield the word without the arcs that a solver had made as good as none where it gave up: they
+    may be what kept it from converging.
+    """
+    if len(unsolved.arcs) != len(tried.arcs):
+        return
+    lengths = np.array([arc.t[-1] - arc.t[0] for arc in unsolved.arcs])
+    gone = np.flatnonzero(lengths <= _COLLAPSED * lengths.sum())
+    if 0 < gone.size < lengths.size:
+        keep = [k for k in range(lengths.size) if k not in gone]
+        edges = (tried.edges[0], *(tried.edges[k] for k in keep[1:]), tried.edges[-1])
+        yield merged(Candidate(tuple(tried.arcs[k] for k in keep), edges, tried.source))
+
+
+# Of the horizon: an arc as short in a point that has not converged is on its way to none
+_COLLAPSED = 1e-4
 _LOOKS = 9  # points of a stretch at which a mode is held against the control
 
 
@@ -144,6 +166,8 @@ def substitutes(problem: Problem, given: Candidate) -> Iterator[Candidate]:
     """
     possible = set(arc_modes(problem))
     lawless = [k for k, modes in enumerate(given.arcs) if modes not in possible]
+    if any(mode.kind == "singular" for k in lawless for mode in given.arcs[k]):
+        yield with_bangs_for(problem, given, lawless)
     for i in range(len(problem.control_names)):
         modes = {
             given.arcs[k][i] for k in lawless if given.arcs[k][i].kind in {"singular", "boundary"}

@@ -37,7 +37,7 @@ def with_hidden_bangs(problem: Problem, first: Candidate) -> Candidate:
     """
     found = first
     for i in range(len(problem.control_names)):
-        edges = _stretches(first, i)
+        edges = control_stretches(first, i)
         for k, (mode, a, b) in enumerate(edges):
             if mode != "s":
                 continue
@@ -48,7 +48,8 @@ def with_hidden_bangs(problem: Problem, first: Candidate) -> Candidate:
     return found
 
 
-def _stretches(given: Candidate, i: int) -> list[tuple[str, float, float]]:
+def control_stretches(given: Candidate, i: int) -> list[tuple[str, float, float]]:
+    """Return the stretches of control i in a candidate: mode, start and end."""
     found: list[tuple[str, float, float]] = []
     for arc, (a, b) in zip(given.arcs, pairwise(given.edges), strict=True):
         mode = str(arc[i])

@@ -2,6 +2,7 @@
 judging and mending.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -10,11 +11,11 @@ import numpy as np
 from socp.errors import MethodError, SolveError
 from socp.laws import arc_modes
 from socp.methods import Follower, follow_word, polished
-from socp.model import Problem, Solution, Stop, Watch, Word, scales, silent
+from socp.model import Condition, Problem, Solution, Stop, Watch, Word, scales, silent
 from socp.process import seconds_left
 from socp.search.candidate import Candidate
 from socp.search.effort import Ration, Search, clearly
-from socp.search.mending import mends, starts, substitutes
+from socp.search.mending import collapsed, mends, starts, substitutes
 from socp.search.reading import read, with_hidden_bangs
 from socp.verdict import certified, learn, lower_sides, second_order
 
@@ -58,7 +59,7 @@ def refine(
         if not queue:
             break
         _, now = queue.pop(min(range(len(queue)), key=lambda k: queue[k][0]))
-        if now.key in seen | search.solved:
+        if search.known(now) or (now.key in seen and now.key not in search.solved):
             continue
         seen.add(now.key)
         search.count += 1
@@ -70,14 +71,13 @@ def refine(
                 search.best = (
                     solution if search.best is None else replace(search.best, stop=Stop.INTERRUPTED)
                 )
-            elif solution is None:
-                queue += [
-                    (0.2 + 1e-3 * k, each) for k, each in enumerate(substitutes(problem, now))
-                ]
+            else:
+                near = substitutes(problem, now) if solution is None else collapsed(now, solution)
+                queue += [(0.2 + 1e-3 * k, each) for k, each in enumerate(near)]
             continue
-        search.solved.add(now.key)
+        search.solved[now.key] = min(solution.objective, search.solved.get(now.key, math.inf))
         search.keep(solution)
-        residual = solution.verdict.residual if solution.verdict else 1.0
+        residual = _residual(solution)
         queue += [
             (residual + 1e-3 * k, each) for k, each in enumerate(mends(problem, now, solution))
         ]
@@ -102,6 +102,16 @@ def lowered(
             break
         solution = best
     return solution
+
+
+def _residual(solution: Solution) -> float:
+    """Return the residual of a judged solution but for its arcs without length, which are dropped
+    at no cost: what is left is how far its word is from the right one.
+    """
+    if solution.verdict is None:
+        return 1.0
+    kept = [each for each in solution.verdict.findings if each.kind is not Condition.NO_LENGTH]
+    return max((each.residual for each in kept), default=1.0)
 
 
 def _early(problem: Problem, direct: Solution) -> Iterator[list[Candidate]]:

@@ -1,7 +1,11 @@
 from .collocation import collocate as collocate
+from .cutting import between as between
 from .cutting import cut_arcs as cut_arcs
 from .cutting import rejoin as rejoin
 from .kinks import smooth as smooth
+from .knots import cut_at_knots as cut_at_knots
+from .knots import knot_times as knot_times
+from .knots import knotted as knotted
 from .mesh import Mesh as Mesh
 from .mesh import Table as Table
 from .mesh import refined_meshes as refined_meshes

@@ -22,10 +22,14 @@ from socp.model import (
     time,
 )
 from socp.solvers import NLP, NLPPoint, Reduced
+from socp.transcription.knots import knot_times
 from socp.transcription.lifting import Layout, lift, mapped, push
 from socp.transcription.mesh import Mesh, Table, table, uniform
 from socp.transcription.phases import PhasedProblem
 from socp.transcription.scaling import Scale
+
+# Of a phase: more than the rounding of its times, and nothing beside the error of a grid
+_HAIR = 1e-10
 
 __all__ = ["Mesh", "Table", "collocate", "table", "uniform"]
 
@@ -101,8 +105,15 @@ class _Grid:
     starts: list[Expr]
 
     def times(self, k: int) -> Expr:
-        """Return the times of all nodes of a phase, as a row."""
-        return self.starts[k] + self.lengths[k] * casadi.DM(self.tables[k].tau).T
+        """Return the times of all nodes of a phase, as a row.
+
+        Where the problem has knots a free control's intervals end a hair before them: at a knot
+        itself its functions are those of what follows.
+        """
+        tau = self.tables[k].tau.copy()
+        if self.phased.phases[k].free.numel() and knot_times(self.phased.of):
+            tau[self.tables[k].mesh[1:]] -= _HAIR
+        return self.starts[k] + self.lengths[k] * casadi.DM(tau).T
 
 
 def _grid(phased: PhasedProblem, tables: list[Table], scale: Scale) -> _Grid:
@@ -297,6 +308,13 @@ def _box(layout: Layout) -> np.ndarray:
     for i, name in enumerate(problem.state_names):
         low[i, _closed(phased, first, f"{name}.lower")] = -np.inf
         high[i, _closed(phased, first, f"{name}.upper")] = np.inf
+    for k, phase in enumerate(phased.phases):
+        # bounds on every node of a state that stays as it is would be dependent: one is enough
+        rest = [
+            i for i, rate in enumerate(casadi.vertsplit(phase.flow(problem)[0])) if rate.is_zero()
+        ]
+        low[rest, first[k] + 1 : first[k + 1] + 1] = -np.inf
+        high[rest, first[k] + 1 : first[k + 1] + 1] = np.inf
     for node, ends in ((0, problem.start_box), (-1, problem.end_box)):
         low[:, node], high[:, node] = (
             np.maximum(low[:, node], ends[0]),

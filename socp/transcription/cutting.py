@@ -17,6 +17,7 @@ from socp.model import (
     Arc,
     Expr,
     Solution,
+    column,
     constraint_function,
     evaluate,
     join,
@@ -86,11 +87,11 @@ def cut_arcs(phased: PhasedProblem, solution: Solution, points: int) -> Cut:
                 for at in joints
             ),
         ]
-        phases += [*(replace(part, exit=()) for part in parts[:-1]), parts[-1]]
+        phases += [*(replace(each, exit=()) for each in parts[:-1]), parts[-1]]
         edges = [float(arc.t[0]), *(at.t for at in joints), float(arc.t[-1])]
         for a, b in pairwise(edges):
-            meshes.append(_between(arc, (a, b), points))
-            arcs.append(_piece(arc, (a, b), meshes[-1]))
+            meshes.append(between(arc, (a, b), points))
+            arcs.append(part(arc, (a, b), meshes[-1]))
         pieces.append(len(joints) + 1)
     if len(arcs) == len(solution.arcs):
         return Cut(phased, solution, meshes, pieces)
@@ -104,7 +105,7 @@ def rejoin(solution: Solution, pieces: list[int]) -> Solution:
     return replace(solution, arcs=tuple(join(solution.arcs[a:b]) for a, b in pairwise(ends)))
 
 
-def _between(arc: Arc, span: tuple[float, float], points: int) -> Mesh:
+def between(arc: Arc, span: tuple[float, float], points: int) -> Mesh:
     """Return the intervals of an arc's mesh between two times; slivers are left to their
     neighbours.
     """
@@ -118,7 +119,7 @@ def _between(arc: Arc, span: tuple[float, float], points: int) -> Mesh:
     return [(float(share), lgr(points)) for share in np.diff([span[0], *inside, span[1]])]
 
 
-def _piece(arc: Arc, span: tuple[float, float], mesh: Mesh) -> Arc:
+def part(arc: Arc, span: tuple[float, float], mesh: Mesh) -> Arc:
     """Return the piece of an arc between two times, on a mesh of its own."""
     on = table(mesh)
     t = span[0] + (span[1] - span[0]) * on.tau
@@ -149,7 +150,12 @@ def _joints(
 
 def _crossings(looks: "_Looks") -> Iterator[_Joint]:
     """Yield where a kink of the dynamics changes sign."""
-    found = kinks(casadi.vertcat(*looks.phase.flow(looks.phased.of)), looks.given)
+    problem = looks.phased.of
+    found = kinks(casadi.vertcat(*looks.phase.flow(problem)), looks.given)
+    if not np.ptp([problem.initial_time_box, problem.final_time_box], axis=1).any():
+        # those of time alone are knots
+        others = casadi.vertcat(problem.x, problem.p)
+        found = column(each for each in casadi.vertsplit(found) if casadi.depends_on(each, others))
     if found.numel():
         zeros = looks.zeros(found)
         for i, times in enumerate(zeros):

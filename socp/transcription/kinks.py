@@ -4,9 +4,8 @@ import casadi
 import numpy as np
 
 from socp.model import Expr, Problem, Solution, column, evaluate, fold, parameters_of, time
+from socp.transcription.branches import build, kink
 
-_BINARY = {casadi.OP_FMIN, casadi.OP_FMAX, casadi.OP_LT, casadi.OP_LE}
-_UNARY = {casadi.OP_FABS, casadi.OP_SIGN}
 # Random points at which expressions are compared: in more dimensions chance makes none parallel
 _DRAWS = 6
 _ALIKE = (
@@ -18,16 +17,15 @@ def kinks(expression: Expr, given: Expr) -> Expr:
     """Return the expressions (k, 1) of symbols `given` at whose zeros an expression (m, n) is not
     smooth.
 
-    |a| and sign a give a; min(a, b), max(a, b) and comparisons of a and b give a - b. Constants are
-    left out, and so is what is a multiple of another, such as -a beside a: it vanishes where that
-    does.
+    Constants are left out, and so is what is a multiple of another, such as -a beside a: it
+    vanishes where that does.
     """
     found: list[Expr] = []
 
     def built(operation: int, *arguments: Expr) -> Expr:
-        if operation in _BINARY | _UNARY:
-            found.append(arguments[0] - arguments[1] if operation in _BINARY else arguments[0])
-        build = casadi.SX.binary if len(arguments) == 2 else casadi.SX.unary
+        turns = kink(operation, *arguments)
+        if turns is not None:
+            found.append(turns)
         return build(operation, *arguments)
 
     fold(casadi.vec(expression), given, given.__getitem__, casadi.SX, built)

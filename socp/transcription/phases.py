@@ -9,7 +9,8 @@ import casadi
 import numpy as np
 
 from socp import laws
-from socp.model import Expr, Mode, Modes, Problem, Word, column, time
+from socp.model import Expr, Mode, Modes, Problem, Word, column, once, time
+from socp.transcription.branches import decided
 
 _ROUNDING = 1e-12  # of the start's values: what an entry condition leaves there that they meet
 
@@ -65,10 +66,11 @@ class Phase:
     `entry` holds expressions of x, carried, t, p that vanish where the arc begins, `exit` those
     that vanish where it ends; `kept` names the state constraints that the law itself keeps from its
     entry on, `touched` those that the entry itself keeps at zero where the arc begins: imposed
-    again, they would be dependent. `length` bounds the arc's length;
-    `boxed` imposes the box on the values of the law, which a right word keeps by itself. Where
-    there is a `choice`, `control` depends on its binaries too, and `modes` is what the arc is taken
-    for while they are not known.
+    again, they would be dependent. `length` bounds the arc's length; `boxed` imposes the box on the
+    values of the law, which a right word keeps by itself. `when` is a time between the two knots of
+    the problem that an arc's piece lies between, None where it does not: the functions are smooth
+    there, those of that time. Where there is a `choice`, `control` depends on its binaries too, and
+    `modes` is what the arc is taken for while they are not known.
     """
 
     modes: Modes
@@ -84,6 +86,7 @@ class Phase:
     carried: Expr = field(default_factory=partial(column, ()))
     carried_rate: Expr = field(default_factory=partial(column, ()))
     choice: Choice | None = None
+    when: float | None = None
 
     @property
     def z(self) -> Expr:
@@ -92,9 +95,17 @@ class Phase:
 
     def flow(self, problem: Problem) -> tuple[Expr, Expr]:
         """Return the rate of the states (nx, 1) and the running cost under the arc's control."""
-        of = problem.rate, problem.lagrangian
+        of = (problem.rate, problem.lagrangian) if self.when is None else _at(problem, self.when)
         rate, running = (casadi.substitute(each, problem.u, self.control) for each in of)
         return rate, running
+
+
+@once
+def _at(problem: Problem, when: float) -> tuple[Expr, Expr]:
+    """Return the rate of the states and the running cost as they are between the knots around a
+    time.
+    """
+    return decided(problem.rate, when), decided(problem.lagrangian, when)
 
 
 @final

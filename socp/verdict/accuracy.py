@@ -3,14 +3,22 @@ conditions.
 """
 
 from dataclasses import dataclass, replace
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import final
 
 import numpy as np
 
 from socp.errors import MethodError
 from socp.model import ACTIVE, Problem, Solution, Verdict, Word, digits_of
-from socp.transcription import PhasedProblem, Shooting, cut_arcs, follow, interval_ends
+from socp.transcription import (
+    PhasedProblem,
+    Shooting,
+    between,
+    cut_arcs,
+    cut_at_knots,
+    follow,
+    interval_ends,
+)
 from socp.verdict.newton import AWAY, Conditions
 
 # Of the states: steps are doubled until the motion changes by no more; rounding leaves some hundred
@@ -133,8 +141,12 @@ def word_problem(
         or min(a.t[-1] - a.t[0] for a in solution.arcs) <= 0
     ):
         return None
+    phased, solution, parts = cut_at_knots(
+        phased, solution, lambda arc, span: between(arc, span, points)
+    )
     cut = cut_arcs(phased, solution, points)
-    return cut.phased, cut.solution, cut.pieces
+    ends = list(accumulate(parts, initial=0))
+    return cut.phased, cut.solution, [sum(cut.pieces[a:b]) for a, b in pairwise(ends)]
 
 
 def steps_of(phased: PhasedProblem, start: Solution) -> int | None:

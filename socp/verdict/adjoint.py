@@ -204,18 +204,20 @@ def _end_values(
 
 
 def unknowns_of(problem: Problem, solution: Solution, samples: Samples, ends: Ends) -> Unknowns:
-    """Choose the unknowns: end conditions, densities on active intervals, jumps at their ends and
-    at touches.
+    """Choose the unknowns: end conditions, densities on active intervals, jumps at their ends, at
+    touches and at knots.
     """
     c, width = samples.values["c"], samples.width
+    inner = np.arange(1, samples.intervals)
+    free = samples.on_knot(samples.edges[inner])  # where what the constraint is worth may jump
     blocks: list[tuple[int, int]] = []
     jumps: list[tuple[int, int]] = []
     for j, near in enumerate(nearness(solution, problem)):
         at = c[j].reshape(-1, width) > -near
         active = at.all(axis=1)
         blocks += [(j, int(k)) for k in np.flatnonzero(active)]
-        inner = np.arange(1, samples.intervals)
-        met = at[inner - 1, -1] & at[inner, 0] & ~(active[inner - 1] & active[inner])
+        within = active[inner - 1] & active[inner]
+        met = at[inner - 1, -1] & at[inner, 0] & (~within | free)
         jumps += [(j, int(k)) for k in inner[met]]
         held = np.flatnonzero(samples.values["cx"][-1, j])
         fixed = problem.end_box[0] == problem.end_box[1]

@@ -93,6 +93,8 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
     )
     error += estimates.worth_of_misses(along, z, switching, density)
     unused = estimates.integral(samples, _gain(problem, samples, switching)) if certain else 0.0
+    strict = margins.strictness(problem, solution, samples, switching, size)
+    open_ = margins.indifferent(problem, solution, samples, switching, size)
     clebsch, unknown = margins.legendre_clebsch(problem, solution, samples, costate)
     verdict = Verdict(
         miss=max((f.off for f in solution.verified), default=float("inf")),
@@ -103,8 +105,8 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
         normality=min(laid.cost / size, 1.0),
         legendre_clebsch=clebsch,
         chattering=tuple(chattering(problem, solution)),
-        notes=tuple(unknown),
-        margins=margins.strictness(problem, solution, samples, switching, size),
+        notes=(*unknown, *map(_left_open, open_)),
+        margins={place: margin for place, margin in strict.items() if place not in open_},
         ringing=margins.ringing(problem, solution),
         objective_error=error,
         remaining_error=error + unused,
@@ -113,6 +115,13 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
         digits=digits_of(error, solution.objective) if certain else 0,
     )
     return verdict, _with_multipliers(along, z)
+
+
+def _left_open(place: Place) -> str:
+    return (
+        f"the principle leaves {place} open: its switching function vanishes throughout, so any "
+        "other control of the same effect on the states at the end of it does as well"
+    )
 
 
 def _worst_of(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:

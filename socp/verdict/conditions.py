@@ -111,6 +111,7 @@ def _switching(along: AdjointSystem) -> Iterator[Rows]:
                 pointwise=False,
             )
         at = _switch_nodes(samples, i, AT_BOUND * width)
+        at = at[~samples.on_knot(samples.t[at])]  # where sigma may jump, its signs say it all
         lines, values = width * matrix[i, at], width * offset[i, at]
         yield Rows(
             Condition.SWITCH,
@@ -167,17 +168,21 @@ def _constant(along: AdjointSystem) -> Rows:
         along.hamiltonian,
     )
     shape = (samples.intervals, samples.width)
+    first = np.arange(samples.intervals) * samples.width
+    after = first[1:][samples.on_knot(samples.t[first[1:]])]
     rate = v["Lt"] + np.einsum("jn,nj->n", v["ft"], along.costates.offset)
     rate_matrix = np.einsum("jn,njz->nz", v["ft"], along.costates.maps)
     rate_matrix = rate_matrix + np.einsum("jn,njz->nz", v["ct"], along.costates.mu)
     half = 0.5 * np.diff(samples.edges)
     grown = half * (rate.reshape(shape) @ _WEIGHTS)
     grown_matrix = half[:, None] * np.einsum("kdz,d->kz", rate_matrix.reshape(*shape, -1), _WEIGHTS)
-    leaps = np.zeros((samples.intervals + 1, unknowns.size))
+    leaps, own = np.zeros((samples.intervals + 1, unknowns.size)), np.zeros(samples.intervals + 1)
+    # at a knot H jumps as the problem does, by what only the other conditions tell
+    own[after // samples.width] = H[after] - H[after - 1]
+    leaps[after // samples.width] = H_matrix[after] - H_matrix[after - 1]
     for jump, (constraint, joint) in enumerate(unknowns.jumps):
         leaps[joint, unknowns.jump_column(jump)] += v["ct"][constraint, joint * samples.width - 1]
-    first = np.arange(samples.intervals) * samples.width
-    left, left_matrix = _backwards(grown), _backwards(grown_matrix + leaps[1:])
+    left, left_matrix = _backwards(grown + own[1:]), _backwards(grown_matrix + leaps[1:])
     at = np.concatenate([first, first + samples.width - 1])
     values = H[at] - H[-1] + np.concatenate([left, left - grown])
     lines = H_matrix[at] - H_matrix[-1] + np.vstack([left_matrix, left_matrix - grown_matrix])

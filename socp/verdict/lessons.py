@@ -31,7 +31,7 @@ def learn(problem: Problem, solution: Solution) -> bool:
         _along(problem, solution, a + _INNER * (b - a), b - _INNER * (b - a))
         for name, stretches in (solution.structure or structure_of(problem, solution)).items()
         if (inner := [(a, b) for mode, a, b in stretches if mode == "s" and b - a > shortest])
-        and not _has_law(problem, name)
+        and not has_law(problem, name)
         for a, b in inner
     ]
     found = np.hstack(points) if points else np.zeros((0, 0))
@@ -43,10 +43,8 @@ def learn(problem: Problem, solution: Solution) -> bool:
     return True
 
 
-def _has_law(problem: Problem, name: str) -> bool:
-    """Tell whether a control has a law, or none can be found in time: nothing would be learnt
-    then.
-    """
+def has_law(problem: Problem, name: str) -> bool:
+    """Tell whether a control has a singular law, or may have one that is not found in time."""
     try:
         with time_limit(LAWS):
             derive(problem, (name,))

@@ -7,10 +7,26 @@ import numpy as np
 
 from socp import laws
 from socp.errors import MethodError
-from socp.model import LAWS, TINY, Arc, Mode, Place, Problem, Solution, evaluate, lagrange, time
+from socp.model import (
+    LAWS,
+    SAME_TIME,
+    TINY,
+    Arc,
+    Mode,
+    Place,
+    Problem,
+    Solution,
+    evaluate,
+    lagrange,
+    time,
+)
 from socp.process import time_limit
 from socp.verdict.conditions import stretch_at
+from socp.verdict.lessons import has_law
 from socp.verdict.nodes import Samples
+
+# Of the Hamiltonian's magnitude: what rounding leaves of a switching function that is zero
+_VANISHES = 1e-11
 
 
 def strictness(
@@ -32,6 +48,33 @@ def strictness(
                 sign = 1.0 if mode == "-" else -1.0
                 place = Place(control=name, stretch=number, mode=Mode.parse(mode))
                 found[place] = float((sign * sigma[i, inside]).max() * width[i] / size)
+    return found
+
+
+def indifferent(
+    problem: Problem, solution: Solution, samples: Samples, sigma: np.ndarray, size: float
+) -> list[Place]:
+    """Return the bang stretches along which the switching function vanishes throughout, of controls
+    that the principle leaves open there.
+
+    sigma (nu, n) at the judge's nodes. Where a control has a singular law, another control takes
+    its switching function off zero; where it has none, as while a price is flat, every control of
+    the same integral does as well, and a bang is as good an extremal as any.
+    """
+    found = []
+    width = np.diff(problem.box, axis=0)[0]
+    horizon = solution.final_time - solution.initial_time
+    # a joint's node belongs to its own side: at a knot the switching function may jump
+    middle = np.repeat(0.5 * (samples.edges[1:] + samples.edges[:-1]), samples.width)
+    for i, name in enumerate(problem.control_names):
+        for number, (mode, start, end) in enumerate(solution.structure[name], start=1):
+            inside = (middle > start) & (middle < end)
+            if mode not in {"+", "-"} or not inside.any() or end - start <= SAME_TIME * horizon:
+                continue
+            if np.abs(sigma[i, inside]).max() * width[i] > _VANISHES * size:
+                continue
+            if not has_law(problem, name):
+                found.append(Place(control=name, stretch=number, mode=Mode.parse(mode)))
     return found
 
 

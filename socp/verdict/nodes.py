@@ -23,7 +23,7 @@ from socp.model import (
     parameters_of,
     time,
 )
-from socp.transcription import lgr
+from socp.transcription import knot_times, lgr
 from socp.verdict.structure import constraint_values, nearness
 
 # collocation points an interval: order 19, so that the judge's own error stays below what it judges
@@ -75,6 +75,13 @@ class Samples:
     def width(self) -> int:
         """Nodes of one interval, d + 1."""
         return POINTS + 1
+
+    def on_knot(self, t: np.ndarray) -> np.ndarray:
+        """Tell which times (n,) are knots of the problem, at which its functions may jump."""
+        apart = SAME_TIME * (self.edges[-1] - self.edges[0])
+        known = np.array(knot_times(self.problem))
+        near: np.ndarray = (np.abs(t[:, None] - known[None, :]) <= apart).any(axis=1)
+        return near
 
     @cached_property
     def values(self) -> dict[str, np.ndarray]:
@@ -160,7 +167,7 @@ def sample(problem: Problem, solution: Solution) -> Samples:
     constraints touch.
     """
     cuts = np.array([*solution.switches, *_touches(problem, solution)])
-    cuts = cuts if cuts.size <= _CUTS else np.empty(0)
+    cuts = np.append(cuts if cuts.size <= _CUTS else np.empty(0), knot_times(problem))
     samples = _laid(problem, solution, cuts)
     for _ in range(_HALVINGS):
         more = _rough(samples, solution)

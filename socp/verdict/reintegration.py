@@ -3,9 +3,10 @@ relative to sizes.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain, pairwise
 from typing import final
 
 import casadi
@@ -16,6 +17,7 @@ from socp import laws
 from socp.errors import MethodError
 from socp.model import (
     ROUNDED,
+    SAME_TIME,
     TINY,
     Arc,
     Feasibility,
@@ -38,6 +40,7 @@ from socp.model import (
     sizes,
     time,
 )
+from socp.transcription import knot_times
 
 
 def box_miss(u: np.ndarray, box: np.ndarray) -> float:
@@ -188,6 +191,16 @@ class _Piece:
     constant: np.ndarray | None = None
 
 
+def _cut_at_knots(problem: Problem, piece: _Piece) -> Iterator[_Piece]:
+    """Yield a piece cut where the problem's functions may jump: a step across that would not see
+    it.
+    """
+    apart = SAME_TIME * (piece.end - piece.start)
+    inside = [t for t in knot_times(problem) if piece.start + apart < t < piece.end - apart]
+    for start, end in pairwise([piece.start, *inside, piece.end]):
+        yield replace(piece, start=start, end=end)
+
+
 def _time_pieces(arc: Arc) -> list[_Piece]:
     found: list[_Piece] = []
     for k in range(len(arc.mesh) - 1):
@@ -322,9 +335,9 @@ def _travel(
     scale = np.append(scales(problem, solution), running_size(problem, solution))
     for arc, stretches in zip(solution.arcs, pieces, strict=True):
         log.compare(y[:-1, None], arc.x[:, :1])
-        for piece in stretches:
+        for piece in chain.from_iterable(_cut_at_knots(problem, each) for each in stretches):
             y, error = _integrate(
-                partial(_rate, flow, piece.control, p), (piece, arc), y, (scale, horizon), log
+                partial(_rate, flow, piece, p), (piece, arc), y, (scale, horizon), log
             )
             if error:
                 return y, error
@@ -332,9 +345,13 @@ def _travel(
 
 
 def _rate(
-    flow: Callable[..., np.ndarray], control: Control, p: np.ndarray, t: float, y: np.ndarray
+    flow: Callable[..., np.ndarray], piece: _Piece, p: np.ndarray, t: float, y: np.ndarray
 ) -> np.ndarray:
-    return flow(y[:-1], control(t, y[:-1]), t, p)
+    """Return the rates of a motion on a piece; at its end they are those before what jumps
+    there.
+    """
+    t = min(t, math.nextafter(piece.end, piece.start))
+    return flow(y[:-1], piece.control(t, y[:-1]), t, p)
 
 
 def _integrate(

@@ -288,3 +288,9 @@ def test_a_search_that_fails_names_the_worst_that_is_left() -> None:
     search = Search(count=7, best=solved(made("+ -"), verdict))
     assert "7 tried" in explanation(problem, search)
     assert "switching function sign: 1.0e-01" in explanation(problem, search)
+
+
+def test_what_was_late_says_how_to_go_on() -> None:
+    text = explanation(problem, Search(late=True, seconds=60.0))
+    assert "-o seconds=240 allows more" in text
+    assert "-m mboc" in text

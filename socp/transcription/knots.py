@@ -1,0 +1,121 @@
+"""Knots: times at which a problem itself changes its course, such as those of a table of prices.
+
+Grids have nodes there, and arcs along a word are cut there from the beginning: unlike other kinks
+they are known before anything is solved.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import casadi
+import numpy as np
+from scipy.optimize import brentq
+
+from socp.model import SAME_TIME, Arc, Problem, Solution, column, once, time
+from socp.transcription.branches import decided
+from socp.transcription.cutting import part
+from socp.transcription.kinks import kinks
+from socp.transcription.mesh import Mesh, uniform
+from socp.transcription.phases import Phase, PhasedProblem
+from socp.transcription.schemes import Scheme
+
+# Looks at a fixed horizon: a table by the hour over a season has as many knots, and each is one
+# zero
+_LOOKS = 5000
+# Times the intervals asked for: with more knots than that a grid of so many intervals cannot tell
+# them apart, and has none of them
+_MORE = 4
+
+
+@once
+def knot_times(problem: Problem) -> tuple[float, ...]:
+    """Return the times inside a fixed horizon at which the dynamics, the running cost or a state
+    constraint have a kink or a jump whatever the states are; none where the horizon is free.
+    """
+    (first, latest), (last, end) = problem.initial_time_box, problem.final_time_box
+    if first != latest or last != end:
+        return ()
+    others = casadi.vertcat(problem.x, problem.p, problem.u)
+    given = casadi.vertcat(others, time)
+    path = column(constraint.expression for constraint in problem.constraints)
+    every = casadi.vertsplit(kinks(casadi.vertcat(problem.rate, problem.lagrangian, path), given))
+    of_time = [each for each in every if not casadi.depends_on(each, others)]
+    if not of_time:
+        return ()
+    values = casadi.Function("knots", [time], [column(of_time)])
+    grid = np.linspace(first, end, _LOOKS + 1)
+    sampled = values.map(grid.size)(grid[None, :]).full()
+    apart = SAME_TIME * (end - first)
+    found: list[float] = []
+    for i, row in enumerate(sampled):
+        found += grid[row == 0.0].tolist()  # a table by the hour has its knots on the grid
+        for k in np.flatnonzero(row[:-1] * row[1:] < 0.0):
+            found.append(brentq(lambda t, i=i: float(values(t)[i]), grid[k], grid[k + 1]))
+    inside = [t for t in sorted(found) if first + apart < t < end - apart]
+    return tuple(t for k, t in enumerate(inside) if k == 0 or t - inside[k - 1] > apart)
+
+
+def knotted(problem: Problem, scheme: Scheme, intervals: int) -> Mesh:
+    """Return a mesh of about so many equal intervals of the whole horizon, with a node at every
+    knot.
+
+    It is `uniform` where there are no knots, or too many of them for so few intervals.
+    """
+    inside = knot_times(problem)
+    if not inside or len(inside) >= _MORE * intervals:
+        return uniform(scheme, intervals)
+    first, last = problem.initial_time_box[0], problem.final_time_box[0]
+    shares = np.diff([first, *inside, last]) / (last - first)
+    mesh: list[tuple[float, Scheme]] = []
+    for share in shares.tolist():
+        count = max(1, round(share * intervals))
+        mesh += [(share / count, scheme)] * count
+    return mesh
+
+
+def cut_at_knots(
+    phased: PhasedProblem, solution: Solution, mesh: Callable[[Arc, tuple[float, float]], Mesh]
+) -> tuple[PhasedProblem, Solution, list[int]]:
+    """Return a phased problem with its arcs cut at knots, its solution or guess, and the number of
+    pieces of every arc.
+
+    `mesh` tells the mesh of an arc's piece between two times. A piece begins at its knot whatever
+    the lengths before it: an arc that ends before the knot leaves its last piece without length. A
+    switch that falls on a knot stays there: where a price jumps, so does the switching function.
+    """
+    times = knot_times(phased.of)
+    apart = SAME_TIME * (solution.final_time - solution.initial_time)
+    if not times or len(solution.arcs) != len(phased.phases):
+        return phased, solution, [1] * len(phased.phases)
+    phases: list[Phase] = []
+    arcs: list[Arc] = []
+    pieces: list[int] = []
+    for k, (phase, arc) in enumerate(zip(phased.phases, solution.arcs, strict=True)):
+        first, last = float(arc.t[0]), float(arc.t[-1])
+        on = [t for t in times if k and abs(t - first) <= apart and last - first > apart]
+        inside = [t for t in times if first + apart < t < last - apart]
+        spans = list(pairwise([first, *inside, last]))
+        when = [_between(times, 0.5 * (a + b), solution) for a, b in spans]
+        begins = (*phase.entry, *(time - t for t in on))
+        cut = [
+            replace(phase, entry=begins, when=when[0]),
+            *(
+                replace(
+                    phase, entry=(time - t,), touched=frozenset(), length=(0.0, np.inf), when=at
+                )
+                for t, at in zip(inside, when[1:], strict=True)
+            ),
+        ]
+        cut = [replace(e, control=decided(e.control, at)) for e, at in zip(cut, when, strict=True)]
+        phases += [*(replace(each, exit=()) for each in cut[:-1]), cut[-1]]
+        arcs += [part(arc, span, mesh(arc, span)) for span in spans]
+        pieces.append(len(inside) + 1)
+    return PhasedProblem(phased.of, tuple(phases)), replace(solution, arcs=tuple(arcs)), pieces
+
+
+def _between(times: tuple[float, ...], t: float, solution: Solution) -> float:
+    """Return the middle between the two knots, or ends of the horizon, that are next to a time."""
+    known = [solution.initial_time, *times, solution.final_time]
+    k = int(np.clip(np.searchsorted(known, t), 1, len(known) - 1))
+    return 0.5 * (known[k - 1] + known[k])
