@@ -70,8 +70,9 @@ def escalate(
     over.
 
     first: the guess, None where no other is to be tried, the steps of the first grids, and the
-    solver of direct problems. Motions are tried where no direct solution is that of its own control.
-    What is solved joins the direct solutions; where none ever is, there are no words to read. Where the best word chatters, no number of words certifies one.
+    solver of direct problems. Motions are tried where no direct solution is that of its own
+    control. What is solved joins the direct solutions; where none ever is, there are no words to
+    read. Where the best word chatters, no number of words certifies one.
     """
     guess, steps, backend = first
     lost = not _done(problem, search) and not any(_followed(problem, each) for each in directs)
