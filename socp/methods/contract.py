@@ -110,14 +110,16 @@ def solve_collocated(
     watch: Watch = silent,
     *,
     longer: bool = True,
+    scaled: bool = True,
 ) -> Solution:
     """Transcribe a phased problem on one mesh a phase, solve it with a backend, and lift the point.
 
-    Unless `longer` is false: a solver that shortens a free horizon too eagerly gets caught where no
+    Unless `scaled` is false everything is measured in its magnitude near the guess. Unless `longer`
+    is false: a solver that shortens a free horizon too eagerly gets caught where no
     control can meet the ends any more. Then the ends are met with longer horizons held fixed first,
     and the horizon is set free there.
     """
-    solution = _attempt(phased, meshes, backend, guess, watch)
+    solution = _attempt(phased, meshes, backend, guess, watch, scaled)
     low, high = phased.of.final_time_box
     if not longer or solution.stop not in {Stop.INFEASIBLE, Stop.FAILED} or low == high:
         return solution
@@ -126,20 +128,25 @@ def solve_collocated(
         if not low <= held <= high:
             continue
         fixed = replace(phased, of=replace(phased.of, final_time=held))
-        met = _attempt(fixed, meshes, backend, guess, watch).after(solution)
+        met = _attempt(fixed, meshes, backend, guess, watch, scaled).after(solution)
         if met.stop is Stop.INTERRUPTED:
             return met
         if met.stop.ok:
-            again = _attempt(phased, meshes, backend, met, watch).after(met)
+            again = _attempt(phased, meshes, backend, met, watch, scaled).after(met)
             return again if again.stop.ok else solution
     return solution
 
 
 def _attempt(
-    phased: PhasedProblem, meshes: Sequence[Mesh], backend: Solver, guess: Solution, watch: Watch
+    phased: PhasedProblem,
+    meshes: Sequence[Mesh],
+    backend: Solver,
+    guess: Solution,
+    watch: Watch,
+    scaled: bool,
 ) -> Solution:
     began = time.perf_counter()
-    reduced = collocate(phased, meshes, guess)
+    reduced = collocate(phased, meshes, guess if scaled else None)
     start = reduced.push(guess)
     transcribed = time.perf_counter() - began
     point = backend(reduced.problem, start, lifting_watch(watch, reduced))

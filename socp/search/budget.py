@@ -161,7 +161,12 @@ def _shown(
         if seconds_left() <= 0.0:
             return
         try:
-            direct = solve_collocated(single_phase(problem), [mesh], how[1], start, watch)
+            phased = single_phase(problem)
+            direct = solve_collocated(phased, [mesh], how[1], start, watch)
+            if not (
+                direct.stop.ok or direct.stop is Stop.INTERRUPTED
+            ):  # other magnitudes, another way
+                direct = solve_collocated(phased, [mesh], how[1], start, watch, scaled=False)
         except SolveError:
             continue
         if direct.stop is Stop.INTERRUPTED:
