@@ -110,16 +110,14 @@ def solve_collocated(
     watch: Watch = silent,
     *,
     longer: bool = True,
-    scaled: bool = True,
 ) -> Solution:
     """Transcribe a phased problem on one mesh a phase, solve it with a backend, and lift the point.
 
-    Unless `scaled` is false everything is measured in its magnitude near the guess. Unless `longer`
-    is false: a solver that shortens a free horizon too eagerly gets caught where no
+    Unless `longer` is false: a solver that shortens a free horizon too eagerly gets caught where no
     control can meet the ends any more. Then the ends are met with longer horizons held fixed first,
     and the horizon is set free there.
     """
-    solution = _attempt(phased, meshes, backend, guess, watch, scaled)
+    solution = _attempt(phased, meshes, backend, guess, watch)
     low, high = phased.of.final_time_box
     if not longer or solution.stop not in {Stop.INFEASIBLE, Stop.FAILED} or low == high:
         return solution
@@ -128,13 +126,26 @@ def solve_collocated(
         if not low <= held <= high:
             continue
         fixed = replace(phased, of=replace(phased.of, final_time=held))
-        met = _attempt(fixed, meshes, backend, guess, watch, scaled).after(solution)
+        met = _attempt(fixed, meshes, backend, guess, watch).after(solution)
         if met.stop is Stop.INTERRUPTED:
             return met
         if met.stop.ok:
-            again = _attempt(phased, meshes, backend, met, watch, scaled).after(met)
+            again = _attempt(phased, meshes, backend, met, watch).after(met)
             return again if again.stop.ok else solution
     return solution
+
+
+def solve_unscaled(
+    phased: PhasedProblem,
+    meshes: Sequence[Mesh],
+    backend: Solver,
+    guess: Solution,
+    watch: Watch = silent,
+) -> Solution:
+    """Do what `solve_collocated` does, once, with everything in the problem's own units: another
+    way to a solution where magnitudes lead nowhere.
+    """
+    return _attempt(phased, meshes, backend, guess, watch, scaled=False)
 
 
 def _attempt(
@@ -143,7 +154,8 @@ def _attempt(
     backend: Solver,
     guess: Solution,
     watch: Watch,
-    scaled: bool,
+    *,
+    scaled: bool = True,
 ) -> Solution:
     began = time.perf_counter()
     reduced = collocate(phased, meshes, guess if scaled else None)
