@@ -135,11 +135,30 @@ def solve_collocated(
     return solution
 
 
+def solve_unscaled(
+    phased: PhasedProblem,
+    meshes: Sequence[Mesh],
+    backend: Solver,
+    guess: Solution,
+    watch: Watch = silent,
+) -> Solution:
+    """Do what `solve_collocated` does, once, with everything in the problem's own units: another
+    way to a solution where magnitudes lead nowhere.
+    """
+    return _attempt(phased, meshes, backend, guess, watch, scaled=False)
+
+
 def _attempt(
-    phased: PhasedProblem, meshes: Sequence[Mesh], backend: Solver, guess: Solution, watch: Watch
+    phased: PhasedProblem,
+    meshes: Sequence[Mesh],
+    backend: Solver,
+    guess: Solution,
+    watch: Watch,
+    *,
+    scaled: bool = True,
 ) -> Solution:
     began = time.perf_counter()
-    reduced = collocate(phased, meshes, guess)
+    reduced = collocate(phased, meshes, guess if scaled else None)
     start = reduced.push(guess)
     transcribed = time.perf_counter() - began
     point = backend(reduced.problem, start, lifting_watch(watch, reduced))

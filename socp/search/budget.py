@@ -9,7 +9,7 @@ from itertools import islice
 from typing import final
 
 from socp.errors import SolveError
-from socp.methods import motions, scouts_from_motions, solve_collocated
+from socp.methods import motions, scouts_from_motions, solve_collocated, solve_unscaled
 from socp.model import Problem, Solution, Stop, Watch, silent
 from socp.process import seconds_left, time_limit
 from socp.search.effort import Ration, Search, along_words, off, precedes
@@ -161,7 +161,12 @@ def _shown(
         if seconds_left() <= 0.0:
             return
         try:
-            direct = solve_collocated(single_phase(problem), [mesh], how[1], start, watch)
+            phased = single_phase(problem)
+            direct = solve_collocated(phased, [mesh], how[1], start, watch)
+            if not (
+                direct.stop.ok or direct.stop is Stop.INTERRUPTED
+            ):  # other magnitudes, another way
+                direct = solve_unscaled(phased, [mesh], how[1], start, watch)
         except SolveError:
             continue
         if direct.stop is Stop.INTERRUPTED:
