@@ -9,6 +9,7 @@ from .drawing import guessed_ends as guessed_ends
 from .drawing import horizon as horizon
 from .given import check_laws as check_laws
 from .law import arc_law as arc_law
+from .links import LostError as LostError
 from .modes import arc_modes as arc_modes
 from .modes import control_modes as control_modes
 from .modes import feedback_function as feedback_function

@@ -5,7 +5,7 @@ not found yet.
 import numpy as np
 
 from socp.errors import LateError, MethodError
-from socp.laws import derive, forget_derivation, note_points, noted_points
+from socp.laws import LostError, derive, forget_derivation, note_points, noted_points
 from socp.model import LAWS, Problem, Solution, parameters_of
 from socp.process import time_limit
 from socp.verdict.structure import structure_of
@@ -31,7 +31,7 @@ def learn(problem: Problem, solution: Solution) -> bool:
         _along(problem, solution, a + _INNER * (b - a), b - _INNER * (b - a))
         for name, stretches in (solution.structure or structure_of(problem, solution)).items()
         if (inner := [(a, b) for mode, a, b in stretches if mode == "s" and b - a > shortest])
-        and not has_law(problem, name)
+        and not _has_law(problem, name)
         for a, b in inner
     ]
     found = np.hstack(points) if points else np.zeros((0, 0))
@@ -43,7 +43,7 @@ def learn(problem: Problem, solution: Solution) -> bool:
     return True
 
 
-def has_law(problem: Problem, name: str) -> bool:
+def _has_law(problem: Problem, name: str) -> bool:
     """Tell whether a control has a singular law, or may have one that is not found in time."""
     try:
         with time_limit(LAWS):
@@ -53,6 +53,20 @@ def has_law(problem: Problem, name: str) -> bool:
     except MethodError:
         return False
     return True
+
+
+def left_open(problem: Problem, name: str) -> bool:
+    """Tell whether it is proved that a control has no singular law: that the principle leaves it
+    open wherever its switching function vanishes.
+    """
+    try:
+        with time_limit(LAWS):
+            derive(problem, (name,))
+    except LostError as error:
+        return error.proved
+    except MethodError:
+        return False
+    return False
 
 
 def _along(problem: Problem, solution: Solution, first: float, last: float) -> np.ndarray:

@@ -22,7 +22,7 @@ from socp.model import (
 )
 from socp.process import time_limit
 from socp.verdict.conditions import stretch_at
-from socp.verdict.lessons import has_law
+from socp.verdict.lessons import left_open
 from socp.verdict.nodes import Samples
 
 # Of the Hamiltonian's magnitude: what rounding leaves of a switching function that is zero
@@ -73,7 +73,7 @@ def indifferent(
                 continue
             if np.abs(sigma[i, inside]).max() * width[i] > _VANISHES * size:
                 continue
-            if not has_law(problem, name):
+            if left_open(problem, name):
                 found.append(Place(control=name, stretch=number, mode=Mode.parse(mode)))
     return found
 
