@@ -444,7 +444,7 @@ def test_aside_with_threads(capfd: pytest.CaptureFixture[str]) -> None:
 def test_aside_whatever_became_of_the_streams(replaced: str) -> None:
     """Where descriptor 1 is closed, a file may get its number: no banner goes there."""
     code = (
-        "import io, os, sys; from socp.process.output import aside; "
+        "import io, os, sys; from socp.process.output import output_discarded as aside; "
         f"print('mine')\n{replaced}\nwith aside(): os.write(1, b'banner')\ntry: "
         "os.close(1)\nexcept OSError: pass\nwith aside(): os.write(1, b'banner')\nfile = "
         "os.open('spilt.txt', os.O_WRONLY | os.O_CREAT)\nassert file == 1\nwith aside(): "

@@ -289,7 +289,7 @@ def test_a_right_solution_with_nodes_on_a_kink_is_certified(
 ) -> None:
     found = along(KINKED[name], word)
     assert found.extremal, verdict_of(found).reasons
-    assert verdict_of(found).residual < 1e-7
+    assert verdict_of(found).residual < 1e-6
     if objective is not None:
         assert found.objective == pytest.approx(objective, rel=1e-9)
 
@@ -574,7 +574,8 @@ def test_explained_tells_the_worst_reason() -> None:
     finding = Finding(kind=Condition.OTHER, text="a", residual=0.1, place=Place(of="b"))
     word = replace(growth("+"), verdict=Verdict(miss=0.0, findings=(finding,)))
     said = explanation(GROWTH, Search(best=word, count=3))
-    assert said == "no word of the 3 tried is certified; the best one leaves: a on b: 1.0e-01"
+    best = "no word of the 3 tried is certified; the best one leaves: a on b: 1.0e-01; "
+    assert said.startswith(best)
 
 
 @pytest.mark.slow

@@ -235,7 +235,7 @@ def test_outcomes_and_their_exit_codes(
 ) -> None:
     solution = replace(exact, **change)
     assert outcome_of(solution) is outcome(solution) is came_to
-    assert (code(came_to), code(came_to, strict=True)) == (exit_code, strict)
+    assert (code(solution), code(solution, strict=True)) == (exit_code, strict)
 
 
 def test_a_solution_that_nobody_judged_is_interrupted_for_a_command_alone(
