@@ -109,7 +109,9 @@ STANDARDS = [each.problem.name for each in STANDARD] + ["turning_back"]
 
 
 @pytest.mark.parametrize("grid", GRIDS)
-@pytest.mark.parametrize("name", [*STANDARDS, *REGISTERED])
+@pytest.mark.parametrize(
+    "name", [*STANDARDS, *(pytest.param(each, marks=pytest.mark.slow) for each in REGISTERED)]
+)
 def test_the_stated_error_covers_the_true_one(name: str, grid: str) -> None:
     problem, truth = truths()[name]
     solution = solved(name, grid)
@@ -329,6 +331,7 @@ def spoilt() -> dict[str, Callable[[Solution], Solution]]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", spoilt())
 @pytest.mark.parametrize("name", ["goddard_fixed_time", "vdp_regulator", "fuller"])
 def test_what_is_spoilt_is_not_near(name: str, how: str) -> None:
