@@ -465,7 +465,6 @@ def test_far_bounds_have_boundary_laws() -> None:
         (current, 5.27278526, "u: - s"),
         (drag, 1 - np.sqrt(2) * np.arctan(np.sqrt(0.5)), "u: - s"),
         (lambda: filling(1.0), 55427.1810, "u: + s -"),
-        (feeding, -10.23765295, "u: - s -"),
     ],
 )
 @pytest.mark.slow
@@ -477,3 +476,11 @@ def test_singular_arcs_are_found_by_auto(
     assert solution.extremal
     assert solution.objective == pytest.approx(objective, rel=1e-8)
     assert str(solution.word) == word
+
+
+@pytest.mark.slow
+def test_a_fed_batch_at_a_free_time_is_certified_along_its_word(registry: Registry) -> None:
+    own = feeding()
+    solution = run(registry.method("lgr-multiphase")(word="- s -"), own, default_guess(own))
+    assert solution.extremal
+    assert solution.objective == pytest.approx(-10.23765295, rel=1e-8)
