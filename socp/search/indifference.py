@@ -12,13 +12,11 @@ import numpy as np
 
 from socp.model import Problem
 from socp.search.candidate import Candidate
-from socp.search.reading import candidate, control_stretches
+from socp.search.reading import Stretch, candidate, control_stretches
 from socp.transcription import knot_times
 
 _LOOKS = 40  # at a stretch: its integral is a start, and the solver finds the length
 _SLIGHT = 0.02  # of a stretch: a shorter bang in it is what a grid has smeared
-
-Stretch = tuple[str, float, float]
 
 
 def with_bangs_for(problem: Problem, given: Candidate, lawless: list[int]) -> Candidate:

@@ -2,6 +2,7 @@
 singular law.
 """
 
+from collections.abc import Iterable
 from itertools import pairwise
 
 import numpy as np
@@ -27,6 +28,9 @@ from socp.verdict import structure_of
 _CLEAR, _LEAST = 10.0, 0.01
 
 
+Stretch = tuple[str, float, float]  # of one control: its mode, start and end
+
+
 def with_hidden_bangs(problem: Problem, first: Candidate) -> Candidate:
     """Return a candidate with a bang arc wherever a control leaves its singular law at an end of
     its stretch.
@@ -48,16 +52,22 @@ def with_hidden_bangs(problem: Problem, first: Candidate) -> Candidate:
     return found
 
 
-def control_stretches(given: Candidate, i: int) -> list[tuple[str, float, float]]:
+def control_stretches(given: Candidate, i: int) -> list[Stretch]:
     """Return the stretches of control i in a candidate: mode, start and end."""
-    found: list[tuple[str, float, float]] = []
-    for arc, (a, b) in zip(given.arcs, pairwise(given.edges), strict=True):
-        mode = str(arc[i])
-        if found and found[-1][0] == mode:
-            found[-1] = (mode, found[-1][1], b)
+    return _joined(
+        (str(arc[i]), a, b) for arc, (a, b) in zip(given.arcs, pairwise(given.edges), strict=True)
+    )
+
+
+def _joined(stretches: Iterable[Stretch]) -> list[Stretch]:
+    """Return stretches in which neighbours of one mode are one."""
+    joined: list[Stretch] = []
+    for mode, a, b in stretches:
+        if joined and joined[-1][0] == mode:
+            joined[-1] = (mode, joined[-1][1], b)
         else:
-            found.append((mode, a, b))
-    return found
+            joined.append((mode, a, b))
+    return joined
 
 
 def _bangs(
@@ -110,9 +120,7 @@ def _mean(problem: Problem, given: Candidate, arc: Arc, what: tuple[int, int, Fu
     return float(legendre_coefficients(t, off, (ends[0], ends[1]))[0])
 
 
-def candidate(
-    solution: Solution, stretches: dict[str, tuple[tuple[str, float, float], ...]]
-) -> Candidate:
+def candidate(solution: Solution, stretches: dict[str, tuple[Stretch, ...]]) -> Candidate:
     """Return the word that the stretches of all controls spell together."""
     start, end = solution.initial_time, solution.final_time
     apart = SAME_TIME * (end - start)
@@ -127,7 +135,7 @@ def candidate(
     return merged(Candidate(tuple(arcs), tuple(edges), solution))
 
 
-def _mode(row: tuple[tuple[str, float, float], ...], t: float) -> str:
+def _mode(row: tuple[Stretch, ...], t: float) -> str:
     return next((mode for mode, a, b in row if a <= t <= b), row[-1][0])
 
 
@@ -149,74 +157,53 @@ def read(problem: Problem, solution: Solution, *, plain: bool = False) -> Candid
             ]
             if not blurred:
                 break
-            _absorb(kept, blurred[0], _time_above(problem, solution, name, kept[blurred[0]]))
+            above = _time_above(problem, solution, name, kept[blurred[0]])
+            kept = _absorbed(kept, blurred[0], above)
         rows[name] = tuple(kept)
     return candidate(solution, rows)
 
 
-def _calmed(row: list[tuple[str, float, float]], shortest: float) -> list[tuple[str, float, float]]:
+def _calmed(row: list[Stretch], shortest: float) -> list[Stretch]:
     """Return stretches in which every flutter from bound to bound, shorter than a few steps each
     time, is singular.
     """
-    calm: list[tuple[str, float, float]] = []
-    for k, (mode, a, b) in enumerate(row):
+
+    def mode_of(k: int) -> str:
+        mode, a, b = row[k]
         flutters = 0 < k < len(row) - 1 and mode in "+-s" and b - a < shortest
-        new = "s" if flutters and len(row) > _MANY else mode
-        if calm and calm[-1][0] == new:
-            calm[-1] = (new, calm[-1][1], b)
-        else:
-            calm.append((new, a, b))
-    return calm
+        return "s" if flutters and len(row) > _MANY else mode
+
+    return _joined((mode_of(k), a, b) for k, (_, a, b) in enumerate(row))
 
 
-def _absorb(row: list[tuple[str, float, float]], k: int, above: float) -> None:
-    """Put bangs of the same integral in place of a stretch inside the box, which the grid has
-    smeared: above is the time (b - a at most) that its control would spend at the upper bound.
+def _absorbed(row: list[Stretch], k: int, above: float) -> list[Stretch]:
+    """Return stretches with bangs of the same integral in place of one inside the box, which the
+    grid has smeared: above is the time (b - a at most) that its control would spend at the upper
+    bound.
 
     Between unlike bangs it is their switch; beside one bang, or between two alike, it hides a burst
     to the other bound. Beside an arc of another kind it is divided between its neighbours.
     """
-    _, a, b = row.pop(k)
-    beside = (row[k - 1][0] if k else "", row[k][0] if k < len(row) else "")
-    bangs = {mode for mode in beside if mode}
-    if not bangs <= {"+", "-"}:
-        _divide(row, k, (a, b))
-        return
-    first, last = beside[0] or _OTHER[beside[1]], beside[1] or _OTHER[beside[0]]
+    _, a, b = row[k]
+    before, after = (row[j][0] if 0 <= j < len(row) else "" for j in (k - 1, k + 1))
+    if not {before, after} <= {"", "+", "-"}:
+        at = (a + b) / 2.0
+        inner = [(before or after, a, at), (after or before, at, b)]
+        return _joined([*row[:k], *inner, *row[k + 1 :]])
+    first, last = before or _OTHER[after], after or _OTHER[before]
     spent = {"+": above, "-": b - a - above}
     if first != last:
         at = a + spent[first]
         inner = [(first, a, at), (last, at, b)]
+    elif spent[_OTHER[first]] < _LEAST * (b - a):
+        inner = [(first, a, b)]
     else:
-        burst = spent[_OTHER[first]]
-        if burst < _LEAST * (b - a):
-            inner = [(first, a, b)]
-        else:
-            rim = spent[first] / 2.0
-            inner = [(first, a, a + rim), (_OTHER[first], a + rim, b - rim), (last, b - rim, b)]
-    row[k:k] = [each for each in inner if each[2] > each[1]]
-    for at in range(len(row) - 1, 0, -1):
-        if row[at - 1][0] == row[at][0]:
-            row[at - 1 : at + 1] = [(row[at][0], row[at - 1][1], row[at][2])]
+        rim = spent[first] / 2.0
+        inner = [(first, a, a + rim), (_OTHER[first], a + rim, b - rim), (last, b - rim, b)]
+    return _joined([*row[:k], *(each for each in inner if each[2] > each[1]), *row[k + 1 :]])
 
 
-def _divide(row: list[tuple[str, float, float]], k: int, gap: tuple[float, float]) -> None:
-    """Give the time of a stretch that was taken out to its neighbours."""
-    a, b = gap
-    if k == 0:
-        row[0] = (row[0][0], a, row[0][2])
-    elif k == len(row):
-        row[-1] = (row[-1][0], row[-1][1], b)
-    else:
-        middle = (a + b) / 2.0
-        row[k - 1], row[k] = (row[k - 1][0], row[k - 1][1], middle), (row[k][0], middle, row[k][2])
-        if row[k - 1][0] == row[k][0]:
-            row[k - 1 : k + 1] = [(row[k][0], row[k - 1][1], row[k][2])]
-
-
-def _time_above(
-    problem: Problem, solution: Solution, name: str, stretch: tuple[str, float, float]
-) -> float:
+def _time_above(problem: Problem, solution: Solution, name: str, stretch: Stretch) -> float:
     """Return how long a control would have to be at its upper bound, and else at its lower one, to
     have its integral over a stretch.
     """
