@@ -236,14 +236,10 @@ def _sizes(problem: Problem, runs: _Runs, whole: float) -> np.ndarray:
     """Return how large every state (nx, 1) is by its ends and bounds, and by its rate at the start
     over the horizon.
     """
-    named = np.vstack([problem.start_box, problem.end_box, problem.state_box])
-    sizes = np.abs(np.where(np.isfinite(named), named, 0.0)).max(axis=0)
     flow = rate_function(problem).map(runs.x0.shape[1])
     rate = np.abs(flow(runs.x0, runs.bangs[0], runs.t0, runs.p).full())
     rate = np.where(np.isfinite(rate), rate, 0.0).max(axis=1)
-    result: np.ndarray = np.maximum(sizes, np.maximum(rate * whole, np.abs(runs.x0).max(axis=1)))[
-        :, None
-    ]
+    result: np.ndarray = np.maximum(shown_sizes(problem, runs.x0), rate * whole)[:, None]
     return result
 
 

@@ -23,6 +23,7 @@ from socp.model import (
     Solution,
     Watch,
     Word,
+    column,
     end_symbols,
     parameters_of,
     scales,
@@ -314,8 +315,8 @@ def _arc(problem: Problem, sizes: np.ndarray) -> casadi.Function:
     """
     x, u, p = problem.x, problem.u, problem.p
     cost, worst, h = (casadi.SX.sym(name) for name in ("cost", "worst", "h"))
-    running = casadi.SX(0) if problem.running is None else problem.running
-    both = casadi.Function("rate", [x, u, time, p], [casadi.vertcat(problem.rate, running)])
+    terms = casadi.vertcat(problem.rate, problem.lagrangian)
+    both = casadi.Function("rate", [x, u, time, p], [terms])
 
     def rate(z: Expr, t: Expr) -> Expr:
         return both(z[:-1], u, t, p)
@@ -363,4 +364,4 @@ def _ends(problem: Problem, sizes: np.ndarray) -> casadi.Function:
         value = condition.expression
         rows.append(value if condition.equation else casadi.fmax(value, 0.0))
     symbols = end_symbols(problem)
-    return casadi.Function("ends", symbols, [casadi.vertcat(casadi.SX(0, 1), *rows), problem.mayer])
+    return casadi.Function("ends", symbols, [column(rows), problem.mayer])
