@@ -289,12 +289,13 @@ def _bangs(problem: Problem, count: int, random: Generator) -> np.ndarray:
 
 
 def _worth(problem: Problem, runs: _Runs, x: np.ndarray, t: np.ndarray, whole: float) -> float:
-    """Return the typical objective over points (nx, n) at times (n,): costates are measured by it.
+    """Return the typical objective of bangs over points (nx, n) at times (n,): costates are
+    measured by it.
 
     Where there is none, the horizon.
     """
-    u, t0 = np.zeros((problem.u.numel(), x.shape[1])), np.full(t.size, runs.t0)
-    running = running_function(problem).map(x.shape[1])(x, u, t, runs.p).full()
+    t0 = np.full(t.size, runs.t0)
+    running = running_function(problem).map(x.shape[1])(x, runs.bangs[-1], t, runs.p).full()
     mayer = mayer_function(problem).map(x.shape[1])(x, runs.x0, runs.p, t0, t).full()
     return (_typical(running) * whole + _typical(mayer)) or whole
 

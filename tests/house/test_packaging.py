@@ -35,6 +35,15 @@ def test_every_file_of_plugins_and_problems_is_registered() -> None:
         assert {f"socp_{room}.{path.stem}" for path in paths} <= targets
 
 
+def test_every_folder_of_modules_is_packaged() -> None:
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
+    named = {"socp": "socp", "plugins": "socp_plugins", "problems": "socp_problems"}
+    folders = {
+        path.parent.relative_to(ROOT).parts for room in named for path in (ROOT / room).rglob("*.py")
+    }
+    assert sorted(listed) == sorted(".".join((named[room], *inner)) for room, *inner in folders)
+
+
 def test_the_command_is_installed() -> None:
     (point,) = metadata.entry_points(group="console_scripts", name="socp")
     assert point.value == "socp.cli:main"
