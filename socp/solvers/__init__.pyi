@@ -1,3 +1,4 @@
+from .backends.ipopt import Ipopt as Ipopt
 from .backends.table import BACKENDS as BACKENDS
 from .backends.table import default_backend as default_backend
 from .backends.uno import Uno as Uno
@@ -8,7 +9,6 @@ from .contract import NLPPoint as NLPPoint
 from .contract import Reduced as Reduced
 from .contract import Solver as Solver
 from .decompositions import Decomposition as Decomposition
-from .ipopt import Ipopt as Ipopt
 from .process import Outcome as Outcome
 from .pyomo_model import pyomo_programme as pyomo_programme
 from .pyomo_model import write_nl as write_nl

@@ -1,5 +1,5 @@
-"""How far a motion misses what a problem asks for: its ends, its state constraints and its box,
-relative to sizes.
+"""A control integrated again by itself, and how far the motion misses what a problem asks for: its
+ends, its state constraints and its box, relative to sizes.
 """
 
 import math

@@ -28,7 +28,7 @@ from socp.methods.contract import check_options
 from socp.methods.guess import default_guess
 from socp.model.word import Word
 from socp.registry.plugins import Registry
-from socp.solvers.ipopt import Ipopt
+from socp.solvers.backends.ipopt import Ipopt
 from socp.view.statement import formula
 
 x, y, other = states("x y other")

@@ -39,7 +39,9 @@ def test_every_folder_of_modules_is_packaged() -> None:
     listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
     named = {"socp": "socp", "plugins": "socp_plugins", "problems": "socp_problems"}
     folders = {
-        path.parent.relative_to(ROOT).parts for room in named for path in (ROOT / room).rglob("*.py")
+        path.parent.relative_to(ROOT).parts
+        for room in named
+        for path in (ROOT / room).rglob("*.py")
     }
     assert sorted(listed) == sorted(".".join((named[room], *inner)) for room, *inner in folders)
 

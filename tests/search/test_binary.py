@@ -19,8 +19,8 @@ from socp.model.symbols import controls, final_time, states
 from socp.model.word import Word
 from socp.search.integer.bounds import enclosures, reachable
 from socp.search.integer.reduction import binary_modes
+from socp.solvers.backends.ipopt import Ipopt
 from socp.solvers.contract import NLP
-from socp.solvers.ipopt import Ipopt
 from socp.transcription.collocation import collocate
 from socp.transcription.mesh import table, uniform
 from socp.transcription.phases import follow

@@ -19,9 +19,9 @@ from socp.methods.guess import default_guess
 from socp.model.progress import Progress
 from socp.model.solution import Stop
 from socp.solvers import documented
-from socp.solvers import ipopt as module
+from socp.solvers.backends import ipopt as module
+from socp.solvers.backends.ipopt import Ipopt
 from socp.solvers.contract import NLP, NLPPoint
-from socp.solvers.ipopt import Ipopt
 from socp.transcription.collocation import collocate
 from socp.transcription.mesh import uniform
 from socp.transcription.phases import single_phase

@@ -19,7 +19,7 @@ from socp.model.problem import Problem
 from socp.model.solution import Solution, Stop
 from socp.model.symbols import controls, final_time, initial_time, parameters, states, time
 from socp.model.word import Word
-from socp.solvers.ipopt import Ipopt
+from socp.solvers.backends.ipopt import Ipopt
 from socp.transcription.mesh import Mesh, uniform
 from socp.transcription.phases import PhasedProblem, follow, single_phase
 from socp.transcription.schemes import Scheme, euler, hermite_simpson, lgr, radau_iia, trapezoid

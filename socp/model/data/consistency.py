@@ -18,7 +18,9 @@ from socp.model.findings import Condition
 from socp.model.tolerances import SAME_TIME
 from socp.model.word import Mode
 
-SCHEMAS = (1, 2)  # versions of the layout that are read; in the first, results carried no statement
+# versions of the layout that are read, the last of them written; in the first, results carried no
+# statement, and findings only words
+SCHEMAS = (1, 2)
 # of a time, state, control or costate: the square of a larger one, which every norm takes,
 # overflows
 LARGEST = 1e150

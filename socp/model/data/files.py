@@ -31,7 +31,6 @@ from socp.model.solution import Solution, Stop
 from socp.model.word import Mode
 from socp.process import read_text, write_atomic
 
-SCHEMA = 2  # version of the result file that is written
 _DERIVED = (
     "word",
     "switches",
@@ -60,7 +59,10 @@ def to_json(solution: Solution) -> str:
     """Return a solution as text: null for nan, "inf" and "-inf" for infinities, which JSON lacks,
     and floats that read back bit for bit.
     """
-    document = {"schema": SCHEMA, **{name: getattr(solution, name) for name in _DERIVED}}
+    document = {
+        "schema": consistency.SCHEMAS[-1],
+        **{name: getattr(solution, name) for name in _DERIVED},
+    }
     document |= {f.name: getattr(solution, f.name) for f in fields(solution)}
     return json.dumps(_plain(document), allow_nan=False, indent=1)
 

@@ -1,1 +1,1 @@
-"""Solvers of nonlinear programmes that the searches and methods may be given, and their table."""
+"""Solvers of nonlinear programmes, one a file, and the table of their names."""

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
+from socp.solvers.backends.ipopt import Ipopt
 from socp.solvers.backends.uno import Uno
 from socp.solvers.contract import Backend
-from socp.solvers.ipopt import Ipopt
 
 _ROWS: tuple[Any, ...] = (Ipopt, Uno)
 BACKENDS: Mapping[str, Any] = {each.name: each for each in _ROWS}

@@ -14,7 +14,7 @@ from socp.errors import MethodError
 from socp.view.exports import unit
 from socp.view.figures import style
 from socp.view.figures.arrangement import LEFT, RIGHT, TWO, Panel, TimeAxis, arranged, composed
-from socp.view.figures.panels import Curve, draw_curve, draw_scene
+from socp.view.figures.axes import Curve, draw_curve, draw_scene
 from socp.view.picture import picture_of, scene_of
 from socp.view.traces import Traces, sampled
 

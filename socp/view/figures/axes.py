@@ -1,4 +1,4 @@
-"""Panels of figures: what is drawn in one pair of axes, arcs and switching times marked."""
+"""One pair of axes: a curve or the scene drawn in it, arcs and switching times marked."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
