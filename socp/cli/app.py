@@ -4,29 +4,19 @@ import shlex
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from functools import cache
+from importlib import import_module
+from typing import Any, final
 
 import click
-from rich.text import Text
 
-from socp.cli.commands.checking import check
-from socp.cli.commands.comparing import compare
-from socp.cli.commands.deriving import sensitivity
-from socp.cli.commands.describing import describe
-from socp.cli.commands.exporting import export
-from socp.cli.commands.listing import list_, methods, plugins, plugins_list
-from socp.cli.commands.plotting import plot
-from socp.cli.commands.recording import record, view
-from socp.cli.commands.solving import solve
-from socp.cli.commands.surveying import census, frontier
 from socp.cli.machine import lacking, roomy
 from socp.cli.session import Exit, Session, messages
 from socp.cli.streams import Streams, kept_apart, parsing, parted
 from socp.errors import ContractError, KeepingError, MethodError, ProblemError, SocpError
 from socp.process import heard, listening, said, signals_held
-from socp.registry import PluginError
 
 EPILOG = """\b
 Exit codes:
@@ -50,7 +40,62 @@ Examples:
 """
 
 
+# By name: the module in `socp.cli.commands`, imported for that command alone, and a line of help
+_COMMANDS: Mapping[str, tuple[str, str]] = {
+    "solve": ("solving", "Solve a problem with one method and write the result file."),
+    "check": ("checking", "Judge a saved result by Pontryagin's principle."),
+    "sensitivity": ("deriving", "Derive a saved extremal by its data."),
+    "compare": ("comparing", "Solve a problem with several methods and print one table."),
+    "census": ("surveying", "Find a problem's extremals from many starts, print a table."),
+    "frontier": (
+        "surveying",
+        "Find the best objective for every number of switches, print a table.",
+    ),
+    "export": (
+        "exporting",
+        "Write a saved result, or a problem, in the format of another program.",
+    ),
+    "plot": ("plotting", "Draw a figure of a saved result."),
+    "record": ("recording", "Record a saved result for rerun's viewer."),
+    "view": ("recording", "Open a recording or a saved result in rerun's viewer."),
+    "describe": ("describing", "Describe a method or a problem."),
+    "list": ("listing", "List the registered problems."),
+    "methods": ("listing", "List the methods."),
+    "plugins": ("listing", "Plugins and whether they loaded."),
+}
+
+
+@final
+class Commands(click.Group):
+    """The commands by their names, each imported when it is called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        """Return the names."""
+        return sorted(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """Return a command by its name."""
+        return _command(cmd_name) if cmd_name in _COMMANDS else None
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write what the help says of the commands."""
+        names = self.list_commands(ctx)
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, _COMMANDS[name][1]) for name in names])
+
+
+@cache
+def _command(name: str) -> click.Command:
+    module = import_module(f"socp.cli.commands.{_COMMANDS[name][0]}")
+    command: click.Command = vars(module)["list_" if name == "list" else name]
+    inner = command.commands.values() if isinstance(command, click.Group) else ()
+    for each in (command, *inner):
+        kept_apart(each)
+    return command
+
+
 @click.group(
+    cls=Commands,
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog=EPILOG,
     invoke_without_command=True,
@@ -75,26 +120,6 @@ def socp(context: click.Context, debug: bool, without: tuple[str, ...]) -> int:
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
     return Exit.SOLVED
-
-
-for _command in (
-    solve,
-    check,
-    sensitivity,
-    compare,
-    census,
-    frontier,
-    export,
-    plot,
-    record,
-    view,
-    describe,
-    list_,
-    methods,
-    plugins,
-):
-    socp.add_command(kept_apart(_command))
-kept_apart(plugins_list)
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
@@ -155,12 +180,14 @@ def _delivered(streams: Streams, session: Session, code: int) -> int:
             error,
         )
         for path in session.written:
-            messages().print(Text(f"written: {path}"), soft_wrap=True)
+            messages().print(f"written: {path}", markup=False, soft_wrap=True)
         return Exit.LACKING if code in {Exit.SOLVED, Exit.UNSOLVED} else code
     return code
 
 
 def _expected(error: click.ClickException | SocpError, session: Session) -> int:
+    from socp.registry import PluginError
+
     text = error.format_message() if isinstance(error, click.ClickException) else str(error)
     _say(text, session, error)
     if isinstance(error, click.UsageError) and error.ctx is not None:
@@ -184,6 +211,8 @@ def _internal(error: BaseException, session: Session, given: Sequence[str]) -> i
 
 
 def _say(text: str, session: Session, error: BaseException | None = None) -> None:
+    from rich.text import Text
+
     if session.debug and error is not None:
         messages().print(Text("".join(traceback.format_exception(error))), soft_wrap=True)
     messages().print(Text.assemble(("error: " if error else "", "bold red"), text), soft_wrap=True)

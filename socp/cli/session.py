@@ -11,16 +11,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from pathlib import Path
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
-from rich.console import Console, RenderableType
-from rich.text import Text
-
-from socp.cli.consoles import Shadow, console
 from socp.cli.streams import current, say
 from socp.errors import MethodError
 from socp.process import file_stem, one_line, printable, short
-from socp.registry import Registry
+
+if TYPE_CHECKING:  # help needs none of them
+    from rich.console import Console, RenderableType
+    from rich.text import Text
+
+    from socp.registry import Registry
 
 _TEMPORARY = ".12345678.part"  # what a file's name is followed by while it is written
 _PIPED = 200  # columns of what is not read on a terminal
@@ -51,29 +52,33 @@ class Session:
     quiet: bool = False
     written: list[Path] = field(default_factory=list)
 
-    def registry(self, *, plugins: bool = True) -> Registry:
+    def registry(self, *, plugins: bool = True) -> "Registry":
         """Load the registry, with or without its plugins, and say on stderr what is wrong with
         it.
         """
+        from socp.registry import Registry
+
         registry = Registry.load(only=None if plugins else (), without=self.without)
         for line in registry.warnings:
             self.warn(line)
         return registry
 
-    def complain(self, registry: Registry) -> None:
+    def complain(self, registry: "Registry") -> None:
         """Warn of plugins that failed: what they offer is missing from what follows."""
         for failure in registry.failures:
             self.warn(f"{failure.name} of {failure.package} is left out: {failure.reason}")
 
     def warn(self, text: str) -> None:
         """Write a warning on stderr, unless quiet."""
+        from rich.text import Text
+
         if not self.quiet:
             messages().print(Text.assemble(("warning: ", "bold yellow"), text), soft_wrap=True)
 
     def note(self, text: str) -> None:
         """Write a message on stderr, unless quiet."""
         if not self.quiet:
-            messages().print(Text(text), soft_wrap=True)
+            messages().print(text, markup=False, soft_wrap=True)
 
     def tell(self, path: Path) -> None:
         """Write the path of a file that was written, as it is; on a terminal with its control
@@ -127,24 +132,30 @@ def _nameable(path: Path) -> None:
         path.with_name(path.name + _TEMPORARY).lstat()
 
 
-def results() -> Console:
+def results() -> "Console":
     """Return a console that renders as standard output would, without writing there."""
+    from socp.cli.consoles import Shadow, console
+
     streams = current()
     return console(Shadow(sys.stdout if streams is None else streams.report), piped=_PIPED)
 
 
-def messages() -> Console:
+def messages() -> "Console":
     """Return the console of progress and messages: standard error."""
+    from socp.cli.consoles import console
+
     streams = current()
     return console(sys.stderr if streams is None else streams.messages)
 
 
-def heading(name: str, title: str) -> Text:
+def heading(name: str, title: str) -> "Text":
     """Return the first line of what is said about something."""
+    from rich.text import Text
+
     return Text.assemble((one_line(name), "bold cyan"), f"  {one_line(title)}" if title else "")
 
 
-def show(*parts: RenderableType) -> None:
+def show(*parts: "RenderableType") -> None:
     """Write results on standard output, without the blanks that fill their lines."""
     shown = results()
     with shown.capture() as captured:

@@ -15,10 +15,11 @@ from socp.errors import ContractError
 from socp.laws import check_laws, independent
 from socp.methods.contract import Method, check_options, options
 from socp.model import Arc, Problem, Solution, Stop, Watch, check_controls, silent
-from socp.process import breakable, give_way, signals_held
+from socp.process import breakable, give_way, one_thread, signals_held
 from socp.verdict import judge, with_second_order, with_statement
 
 
+@one_thread()
 def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
     """Solve with a method and return its solution stamped with name, options and versions, verified
     and judged.

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, get_args, get_type_hints
 
 from socp.errors import MethodError
 from socp.model import Problem, Progress, Solution, Stop, Watch, is_number, silent
-from socp.process import shown
+from socp.process import one_thread, shown
 from socp.solvers import NLP, NLPPoint, Reduced, Solver
 from socp.transcription import Mesh, PhasedProblem, collocate
 
@@ -102,6 +102,7 @@ def _in_range(place: str, value: float, each: Field[Any], *, whole: bool) -> Non
         raise MethodError(f"{place}={shown(value)}, but it must be at most {most}")
 
 
+@one_thread()
 def solve_collocated(
     phased: PhasedProblem,
     meshes: Sequence[Mesh],

@@ -26,3 +26,4 @@ from .text import printable as printable
 from .text import said as said
 from .text import short as short
 from .text import shown as shown
+from .threads import one_thread as one_thread

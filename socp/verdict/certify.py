@@ -28,6 +28,7 @@ from socp.model import (
     Verdict,
     digits_of,
 )
+from socp.process import one_thread
 from socp.verdict import claims, estimates, margins
 from socp.verdict.accuracy import sharpened
 from socp.verdict.adjoint import AdjointSystem, Ends, condense, unknowns_of
@@ -214,6 +215,7 @@ def _with_multipliers(along: AdjointSystem, z: np.ndarray) -> tuple[Arc, ...]:
     return tuple(arcs)
 
 
+@one_thread()
 def judge(problem: Problem, solution: Solution) -> Solution:
     """Return a solution with its structure, its verification, its verdict and its problem, all
     worked out anew; one that is feasible and no extremal is graded as well.

@@ -16,6 +16,7 @@ import numpy as np
 
 from socp.errors import MethodError, SolveError
 from socp.model import Problem, Solution
+from socp.process import one_thread
 from socp.transcription import PhasedProblem, Shooting
 from socp.verdict.accuracy import steps_of, word_problem
 from socp.verdict.newton import Conditions, Settled, settled
@@ -48,6 +49,7 @@ class Sensitivity:
     states: Mapping[float, tuple[float, ...]] = field(default_factory=dict)
 
 
+@one_thread()
 def derivatives(
     problem: Problem, solution: Solution, to: Sequence[str], at: Sequence[float] = ()
 ) -> list[Sensitivity]:

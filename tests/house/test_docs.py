@@ -232,7 +232,10 @@ def test_readme_shows_methods_with_their_options(registry: Registry) -> None:
 def commands(group: click.Group, path: str = "socp") -> dict[str, click.Command]:
     """Return all commands by the words that call them, groups replaced by what is in them."""
     found: dict[str, click.Command] = {}
-    for name, command in group.commands.items():
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        assert command is not None
         words = f"{path} {name}"
         found |= commands(command, words) if isinstance(command, click.Group) else {words: command}
     return found

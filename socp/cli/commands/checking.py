@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from socp.model import Verdict
 
 
-@click.command(short_help="Judge a saved result by Pontryagin's principle.")
+@click.command()
 @click.argument("result", metavar="RESULT")
 @click.option(
     "--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: that of the result]"

@@ -53,7 +53,7 @@ class Row:
         return self.solution is not None and self.solution.stop.ok
 
 
-@click.command(short_help="Solve a problem with several methods and print one table.")
+@click.command()
 @click.argument("problem", metavar="FILE_OR_NAME")
 @click.option(
     "-m",

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from socp.verdict import Sensitivity
 
 
-@click.command(short_help="Derive a saved extremal by its data.")
+@click.command()
 @click.argument("result", metavar="RESULT")
 @click.option(
     "--to",

@@ -25,7 +25,7 @@ Line = tuple[str, str]
 _READ = 600  # characters of a formula that somebody may read: five lines
 
 
-@click.command(short_help="Describe a method or a problem.")
+@click.command()
 @click.argument("name", metavar="NAME")
 @click.option("--full", is_flag=True, help="Write formulas to their end, however long they are.")
 @click.pass_obj

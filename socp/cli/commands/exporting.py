@@ -75,7 +75,7 @@ FORMATS: Mapping[str, Format] = {
 _COUNT = click.IntRange(max=100)  # files of more arcs or points no solver reads in any useful time
 
 
-@click.command(short_help="Write a saved result, or a problem, in the format of another program.")
+@click.command()
 @click.argument("source", metavar="SOURCE")
 @click.option(
     "--format", metavar="|".join(FORMATS), help="Format.  [default: by the ending of the file]"

@@ -15,7 +15,7 @@ _ADDS = {"socp_solved": "listener", "socp_recorder": "recorder", "socp_viewer": 
 _JSON = click.option("--json", "as_json", is_flag=True, help="Write JSON.")
 
 
-@click.command("list", short_help="List the registered problems.")
+@click.command("list")
 @_JSON
 @click.pass_obj
 def list_(session: Session, as_json: bool) -> int:
@@ -36,7 +36,7 @@ def list_(session: Session, as_json: bool) -> int:
     return Exit.SOLVED
 
 
-@click.command(short_help="List the methods.")
+@click.command()
 @_JSON
 @click.pass_obj
 def methods(session: Session, as_json: bool) -> int:
@@ -65,7 +65,7 @@ def methods(session: Session, as_json: bool) -> int:
     return Exit.SOLVED
 
 
-@click.group(short_help="Plugins and whether they loaded.", invoke_without_command=True)
+@click.group(invoke_without_command=True)
 @click.pass_context
 def plugins(context: click.Context) -> int:
     """Look at the plugins of installed packages."""

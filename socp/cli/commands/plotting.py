@@ -26,7 +26,7 @@ class Asked:
     problem: str | None
 
 
-@click.command(short_help="Draw a figure of a saved result.")
+@click.command()
 @click.argument("result", metavar="RESULT")
 @click.option(
     "-o", "--out", metavar="FILE", help="File, .png, .svg or .pdf.  [default: RESULT.svg]"

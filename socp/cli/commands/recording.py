@@ -88,7 +88,7 @@ def recording_watch(watch: "Watch", recorder: "Guarded") -> "Watch":
     return see
 
 
-@click.command(short_help="Record a saved result for rerun's viewer.")
+@click.command()
 @click.argument("result", metavar="RESULT")
 @click.option(
     "-o", "--out", metavar="FILE", help="Recording.  [default: RESULT with the ending .rrd]"
@@ -106,7 +106,7 @@ def record(session: Session, /, result: str, out: str | None, problem: str | Non
     return Exit.SOLVED
 
 
-@click.command(short_help="Open a recording or a saved result in rerun's viewer.")
+@click.command()
 @click.argument("source", metavar="FILE")
 @click.option("--problem", metavar="FILE_OR_NAME", help="Problem of a result.  [default: its own]")
 @click.pass_obj

@@ -61,7 +61,7 @@ class Asked:
         return [(name, str(value)) for name, value in given.items() if value is not None]
 
 
-@click.command(short_help="Solve a problem with one method and write the result file.")
+@click.command()
 @click.argument("problem", metavar="FILE_OR_NAME")
 @click.option(
     "-m", "--method", default=DEFAULT_METHOD, show_default=True, help="Method, see 'socp methods'."

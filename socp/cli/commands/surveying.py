@@ -59,7 +59,7 @@ def _output_options(command: Callable[..., int]) -> Callable[..., int]:
     return command
 
 
-@click.command(short_help="Find a problem's extremals from many starts, print a table.")
+@click.command()
 @click.argument("problem", metavar="FILE_OR_NAME")
 @click.option(
     "--starts",
@@ -216,7 +216,7 @@ def _cells(solution: "Solution", starts: int) -> Mapping[str, str]:
     }
 
 
-@click.command(short_help="Find the best objective for every number of switches, print a table.")
+@click.command()
 @click.argument("problem", metavar="FILE_OR_NAME")
 @click.option(
     "--max-switches",
