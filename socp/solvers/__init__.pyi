@@ -5,6 +5,7 @@ from .backends.uno import Uno as Uno
 from .bonmin import Bonmin as Bonmin
 from .contract import NLP as NLP
 from .contract import Backend as Backend
+from .contract import Derivatives as Derivatives
 from .contract import NLPPoint as NLPPoint
 from .contract import Reduced as Reduced
 from .contract import Solver as Solver

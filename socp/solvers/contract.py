@@ -17,11 +17,26 @@ T = TypeVar("T")
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Derivatives:
+    """Derivatives of a programme as casadi functions that a solver is handed: `grad_f` x, p -> f,
+    grad_f_x (n, 1); `jac_g` x, p -> g, jac_g_x (m, n); `hess_lag` x, p, lam_f, lam_g -> the upper
+    triangle of the Lagrangian's Hessian (n, n).
+    """
+
+    grad_f: Any
+    jac_g: Any
+    hess_lag: Any
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
 class NLP:
     """Minimise f(v) subject to v_box[0] <= v <= v_box[1] and g_box[0] <= g(v) <= g_box[1].
 
     v (n, 1), f (1, 1) and g (m, 1) are casadi SX; v_box (2, n); g_box (2, m); binary (n,) flags
-    what must be 0 or 1; `unit` is what f is measured in: the objective is unit * f.
+    what must be 0 or 1; `unit` is what f is measured in: the objective is unit * f. `derivatives`
+    gives those of f and g where they are known, None where a solver has to find them; whoever
+    replaces v, f or g replaces them too.
     """
 
     v: Expr
@@ -31,6 +46,7 @@ class NLP:
     g_box: np.ndarray
     binary: np.ndarray
     unit: float = 1.0
+    derivatives: Callable[[], Derivatives] | None = None
 
 
 @final

@@ -5,7 +5,7 @@ solutions.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import accumulate, pairwise
+from itertools import accumulate
 from typing import final
 
 import casadi
@@ -13,23 +13,24 @@ import numpy as np
 
 from socp.errors import MethodError
 from socp.model import (
+    Constraint,
     Expr,
+    Problem,
     Solution,
+    cached,
     column,
     condition_slopes,
-    constraint_function,
     end_symbols,
+    once,
     time,
 )
 from socp.solvers import NLP, NLPPoint, Reduced
-from socp.transcription.knots import knot_times
-from socp.transcription.lifting import Layout, lift, mapped, push
+from socp.transcription.assembly import Point
+from socp.transcription.grid import Given, Grid, Moments, Terms
+from socp.transcription.lifting import Layout, lift, push
 from socp.transcription.mesh import Mesh, Table, table, uniform
-from socp.transcription.phases import PhasedProblem
+from socp.transcription.phases import Phase, PhasedProblem
 from socp.transcription.scaling import Scale
-
-# Of a phase: more than the rounding of its times, and nothing beside the error of a grid
-_HAIR = 1e-10
 
 __all__ = ["Mesh", "Table", "collocate", "table", "uniform"]
 
@@ -53,20 +54,21 @@ def collocate(
         raise MethodError(
             f"{len(meshes)} meshes for {len(phased.phases)} phases; give one mesh a phase"
         )
-    grid = _grid(phased, [table(mesh) for mesh in meshes], Scale.of(phased.of, near))
-    rows = _Rows([], [], [], [])
-    cost, defects = _dynamics(grid, rows)
-    path = _path(grid, rows)
-    _conditions(grid, rows)
+    grid = Grid.of(phased, [table(mesh) for mesh in meshes], Scale.of(phased.of, near))
+    rows, terms = _Rows([], [], [], []), Terms(grid, [])
+    defects = [_defects(grid, rows, k) for k in range(len(phased.phases))]
+    for k, at in enumerate(defects):
+        _dynamics(grid, rows, terms, k, at)
+    path = _path(grid, rows, terms)
+    _conditions(grid, rows, terms)
     layout = _layout(grid, rows, defects, path)
-    mayer = casadi.substitute(
-        phased.of.mayer, casadi.vertcat(*end_symbols(phased.of)), _end_values(grid)
-    )
-    binaries = sum(phase.z.numel() for phase in phased.phases)
+    programme, binaries = terms.programme(rows.count, rows.linear), grid.z.numel()
+    v = casadi.vertcat(casadi.SX.sym("v", grid.count - binaries), grid.z)
+    f, g = programme.values(v)
     nlp = NLP(
-        v=grid.v,
-        f=(cost + mayer) / grid.scale.cost,
-        g=casadi.vertcat(casadi.SX(0, 1), *rows.blocks),
+        v=v,
+        f=f,
+        g=casadi.densify(g),
         v_box=_box(layout) / layout.sizes,
         g_box=np.hstack(
             [
@@ -74,138 +76,124 @@ def collocate(
                 *([low, high] for low, high in zip(rows.low, rows.high, strict=True)),
             ]
         ),
-        binary=np.arange(grid.v.numel()) >= grid.v.numel() - binaries,
+        binary=np.arange(grid.count) >= grid.count - binaries,
         unit=grid.scale.cost,
+        derivatives=lambda: programme.derivatives,
     )
     return Reduced(nlp, partial(push, layout), partial(lift, layout))
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Grid:
-    """The symbols of a transcription, in the problem's units.
-
-    v (n, 1): all variables, each in its own magnitude, sizes (n,); first: first node of every phase
-    and the last node; lengths (phases, 1); p (np, 1); X (nx, nodes); V: free controls (nv,
-    collocated) a phase; Y: carried quantities (ny, its nodes) a phase; starts: times at which the
-    phases begin, and the final time.
-    """
-
-    phased: PhasedProblem
-    tables: list[Table]
-    scale: Scale
-    v: Expr
-    sizes: np.ndarray
-    first: list[int]
-    lengths: Expr
-    p: Expr
-    X: Expr
-    V: list[Expr]
-    Y: list[Expr]
-    starts: list[Expr]
-
-    def times(self, k: int) -> Expr:
-        """Return the times of all nodes of a phase, as a row.
-
-        Where the problem has knots a free control's intervals end a hair before them: at a knot
-        itself its functions are those of what follows.
-        """
-        tau = self.tables[k].tau.copy()
-        if self.phased.phases[k].free.numel() and knot_times(self.phased.of):
-            tau[self.tables[k].mesh[1:]] -= _HAIR
-        return self.starts[k] + self.lengths[k] * casadi.DM(tau).T
-
-
-def _grid(phased: PhasedProblem, tables: list[Table], scale: Scale) -> _Grid:
-    first = list(accumulate((t.tau.size - 1 for t in tables), initial=0))
-    raw = [casadi.SX.sym("t0"), casadi.SX.sym("h", len(tables))]
-    raw += [casadi.SX.sym("p", phased.of.p.numel())]
-    raw += [casadi.SX.sym("X", phased.of.x.numel(), first[-1] + 1)]
-    pairs = list(zip(phased.phases, tables, strict=True))
-    raw += [casadi.SX.sym("V", f.free.numel(), t.collocated.size) for f, t in pairs]
-    raw += [casadi.SX.sym("Y", f.carried.numel(), t.tau.size) for f, t in pairs]
-    sizes = [np.full(1, scale.time), np.full(len(tables), scale.time), scale.p, scale.x]
-    sizes += [scale.control(f) for f in phased.phases]
-    sizes += [scale.costate[: f.carried.numel()] for f in phased.phases]
-    columns = [np.tile(size, each.shape[1]) for size, each in zip(sizes, raw, strict=True)]
-    t0, lengths, p, X, *rest = (
-        each * casadi.DM(size.reshape(each.shape, order="F"))
-        for each, size in zip(raw, columns, strict=True)
-    )
-    z = casadi.vertcat(casadi.SX(0, 1), *(phase.z for phase in phased.phases))
-    return _Grid(
-        phased=phased,
-        tables=tables,
-        scale=scale,
-        v=casadi.vertcat(*(casadi.vec(each) for each in raw), z),
-        sizes=np.concatenate([*columns, np.ones(z.numel())]),
-        first=first,
-        lengths=lengths,
-        p=p,
-        X=X,
-        V=rest[: len(tables)],
-        Y=rest[len(tables) :],
-        starts=[t0, *(t0 + casadi.sum1(lengths[: k + 1]) for k in range(len(tables)))],
-    )
-
-
-@final
-@dataclass(frozen=True, eq=False)
 class _Rows:
-    """Collects constraint blocks with their bounds and sizes, and tells where each one stands."""
+    """Collects the bounds and sizes of the rows, and the entries of what enters them linearly."""
 
-    blocks: list[Expr]
     low: list[np.ndarray]
     high: list[np.ndarray]
     sizes: list[np.ndarray]
+    linear: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
 
-    def add(self, block: Expr, low: float, high: float, size: np.ndarray | float = 1.0) -> slice:
-        """Add low <= block <= high, column after column, each row measured by its size (rows,);
-        returns its rows in g.
+    @property
+    def count(self) -> int:
+        """Number of the rows so far."""
+        return sum(each.size for each in self.low)
+
+    def add(self, count: int, low: float, high: float, size: np.ndarray | float = 1.0) -> slice:
+        """Add so many rows between bounds, measured by their sizes (k,), over and over; returns
+        where they stand in g.
         """
-        before, count = sum(each.size for each in self.low), block.numel()
+        before = self.count
         sizes = np.tile(size, count // np.size(size)) if count else np.empty(0)
-        self.blocks.append(casadi.vec(block) / casadi.DM(sizes))
         self.low.append(np.full(count, low) / sizes)
         self.high.append(np.full(count, high) / sizes)
         self.sizes.append(sizes)
         return slice(before, before + count)
 
+    def each(self, at: slice, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the entries by which values at `places` enter the rows of the last slice added,
+        one each.
+        """
+        return np.arange(at.start, at.stop), places, 1.0 / self.sizes[-1]
 
-def _dynamics(grid: _Grid, rows: _Rows) -> tuple[Expr, list[slice]]:
-    """Add the defects of every phase and the boxes of its laws; returns running cost and the rows
-    of the defects.
+
+def _defects(grid: Grid, rows: _Rows, k: int) -> slice:
+    """Add the rows of a phase's defects, A X - h B F, and what is linear in them; returns them."""
+    t, phase = grid.tables[k], grid.phased.phases[k]
+    places = np.vstack([grid.X[:, grid.first[k] : grid.first[k + 1] + 1], grid.Y[k]])
+    size = np.append(grid.scale.x, grid.scale.costate[: phase.carried.numel()])
+    at = rows.add(size.size * t.A.shape[0], 0.0, 0.0, size)
+    A, of = t.A.tocoo(), np.arange(size.size)[:, None]
+    row = at.start + size.size * A.row[None, :] + of
+    rows.linear.append(
+        (row.ravel(), places[:, A.col].ravel(), (A.data[None, :] / size[:, None]).ravel())
+    )
+    return at
+
+
+def _dynamics(grid: Grid, rows: _Rows, terms: Terms, k: int, defects: slice) -> None:
+    """Add the motion of a phase, its running cost, and the boxes of its laws."""
+    problem, t, phase = grid.phased.of, grid.tables[k], grid.phased.phases[k]
+    at, nz = t.collocated, phase.carried.numel() + problem.x.numel()
+    laws = _laws(grid, k)
+    point = _motion(problem, phase, tuple(row for row, *_ in laws))
+    ny, K = point.y.numel(), at.size
+    B, of = t.B[:, at].tocoo(), np.arange(nz)[:, None]
+    row = defects.start + nz * B.row[None, :] + of
+    size = np.append(grid.scale.x, grid.scale.costate[: phase.carried.numel()])
+    entries = [
+        (
+            row.ravel(),
+            (ny * B.col[None, :] + of).ravel(),
+            (-B.data[None, :] / size[:, None]).ravel(),
+        )
+    ]
+    for i, (_, low, high, width) in enumerate(laws):
+        kept = rows.add(K, low, high, width)
+        entries.append(rows.each(kept, ny * np.arange(K) + nz + 1 + i))
+    cost = np.zeros((K, ny))
+    cost[:, nz] = t.weights[at] / grid.scale.cost
+    X, times = grid.X[:, grid.first[k] : grid.first[k + 1] + 1], grid.times(k)
+    given: list[Given] = [
+        X[:, at],
+        grid.V[k],
+        grid.Y[k][:, at],
+        Moments(times.k[at], times.tau[at]),
+    ]
+    given += [grid.p[:, None], grid.Z[k][:, None], grid.lengths[k : k + 1, None]]
+    rows_, places, factors = (np.concatenate(each) for each in zip(*entries, strict=True))
+    terms.add(point, given, (rows_, places, factors), cost.ravel())
+
+
+def _laws(grid: Grid, k: int) -> list[tuple[Expr, float, float, float]]:
+    """Return what has to keep to bounds at every collocated node of a phase, with its size: the
+    laws of controls where they are boxed, and the rows of a choice.
     """
-    problem, cost, defects, laws = grid.phased.of, casadi.SX(0), [], []
-    for k, (t, phase) in enumerate(zip(grid.tables, grid.phased.phases, strict=True)):
-        given = [problem.x, phase.free, phase.carried, time, problem.p, phase.z]
-        rate, running = phase.flow(problem)
-        at, length = t.collocated.tolist(), grid.lengths[k]
-        X = grid.X[:, grid.first[k] : grid.first[k + 1] + 1]
-        along = [X[:, at], grid.V[k], grid.Y[k][:, at], grid.times(k)[:, at], grid.p, phase.z]
-        function = casadi.Function(
-            "rate", given, [casadi.vertcat(rate, phase.carried_rate), running]
-        )
-        F, L = mapped(function, along)
-        for i in [
-            i
-            for i, mode in enumerate(phase.modes)
-            if phase.boxed and mode.kind in {"singular", "boundary"}
-        ]:
-            if not phase.control[i].is_constant():
-                (values,) = mapped(casadi.Function("law", given, [phase.control[i]]), along)
-                laws.append((values, *problem.box[:, i], grid.scale.law(problem, i)))
-        for row, low, high in phase.choice.along if phase.choice else ():
-            laws.append((*mapped(casadi.Function("row", given, [row]), along), low, high, 1.0))
-        cost += length * casadi.dot(L.T, casadi.DM(t.weights[at]))
-        left = casadi.mtimes(casadi.vertcat(X, grid.Y[k]), casadi.DM(t.A).T)
-        size = np.append(grid.scale.x, grid.scale.costate[: phase.carried.numel()])
-        defects.append(
-            rows.add(left - length * casadi.mtimes(F, casadi.DM(t.B[:, at]).T), 0.0, 0.0, size)
-        )
-    for values, low, high, width in laws:
-        rows.add(values, low, high, width)
-    return cost, defects
+    phase, problem = grid.phased.phases[k], grid.phased.of
+    found = [
+        (phase.control[i], *problem.box[:, i].tolist(), grid.scale.law(problem, i))
+        for i, mode in enumerate(phase.modes)
+        if phase.boxed
+        and mode.kind in {"singular", "boundary"}
+        and not phase.control[i].is_constant()
+    ]
+    return [*found, *((*row, 1.0) for row in (phase.choice.along if phase.choice else ()))]
+
+
+def _motion(problem: Problem, phase: Phase, laws: tuple[Expr, ...]) -> Point:
+    """Return a phase's rates and running cost, each times its length, and its laws as a function
+    of x, free, carried, t, p, z and the length; built once for all arcs of its modes between two
+    knots, unless it has a choice.
+    """
+    known, key = cached(problem, _motion), (phase.modes, phase.when, len(laws))
+    if phase.choice is None and key in known:
+        return known[key]
+    rate, running = phase.flow(problem)
+    h = casadi.SX.sym("h")
+    w = casadi.vertcat(problem.x, phase.free, phase.carried, time, problem.p, phase.z, h)
+    point = Point(w, casadi.vertcat(h * rate, h * phase.carried_rate, h * running, *laws))
+    if phase.choice is None:
+        known[key] = point
+    return point
 
 
 def _closed(phased: PhasedProblem, first: list[int], name: str) -> np.ndarray:
@@ -221,67 +209,103 @@ def _closed(phased: PhasedProblem, first: list[int], name: str) -> np.ndarray:
     return mask
 
 
-def _path(grid: _Grid, rows: _Rows) -> dict[str, tuple[np.ndarray, slice]]:
+def _path(grid: Grid, rows: _Rows, terms: Terms) -> dict[str, tuple[np.ndarray, slice]]:
     """Add the path constraints where no law keeps them; bounds of states are bounds of
     variables.
     """
     problem, found = grid.phased.of, {}
-    T = casadi.horzcat(*(grid.times(k)[:, :-1] for k in range(len(grid.tables))), grid.starts[-1])
+    times = [grid.times(k) for k in range(len(grid.tables))]
+    k = np.concatenate([*(each.k[:-1] for each in times), grid.end.k])
+    tau = np.concatenate([*(each.tau[:-1] for each in times), grid.end.tau])
     for constraint in problem.constraints:
         if constraint.name in problem.path:
             nodes = np.flatnonzero(~_closed(grid.phased, grid.first, constraint.name))
-            function = constraint_function(problem, constraint)
-            (values,) = mapped(function, [grid.X[:, nodes.tolist()], T[nodes.tolist()], grid.p])
             size = grid.scale.path(problem, constraint.expression)
-            found[constraint.name] = (nodes, rows.add(values, -np.inf, 0.0, size))
+            at = rows.add(nodes.size, -np.inf, 0.0, size)
+            given: list[Given] = [grid.X[:, nodes], Moments(k[nodes], tau[nodes]), grid.p[:, None]]
+            terms.add(_constraint(problem, constraint), given, rows.each(at, np.arange(nodes.size)))
+            found[constraint.name] = (nodes, at)
     return found
 
 
-def _conditions(grid: _Grid, rows: _Rows) -> None:
+@once
+def _constraint(problem: Problem, constraint: Constraint) -> Point:
+    """Return a state constraint as a function of x, t, p."""
+    return Point(casadi.vertcat(problem.x, time, problem.p), constraint.expression)
+
+
+def _conditions(grid: Grid, rows: _Rows, terms: Terms) -> None:
     """Add what holds at single times: entries and exits of arcs, end conditions, the final time."""
     phased, problem = grid.phased, grid.phased.of
     for k, phase in enumerate(phased.phases):
         for held, last in ((phase.entry, 0), (phase.exit, 1)):
             if held:
-                given = [problem.x, phase.carried, time, problem.p]
-                at = grid.X[:, grid.first[k + last]], grid.Y[k][:, -last], grid.starts[k + last]
                 size = np.array([grid.scale.joint(problem, phase, each) for each in held])
-                equations = casadi.Function("held", given, [column(held)])
-                rows.add(equations(*at, grid.p), 0.0, 0.0, size)
+                at = rows.add(len(held), 0.0, 0.0, size)
+                _joint(grid, terms, (k, last), column(held), rows.each(at, np.arange(len(held))))
         for row, low, high in phase.choice.entry if phase.choice else ():
-            entry = casadi.Function(
-                "entry", [problem.x, phase.carried, time, problem.p, phase.z], [row]
-            )
-            rows.add(
-                entry(grid.X[:, grid.first[k]], grid.Y[k][:, 0], grid.starts[k], grid.p, phase.z),
-                low,
-                high,
-            )
+            at = rows.add(1, low, high)
+            _joint(grid, terms, (k, 0), casadi.SX(row), rows.each(at, np.arange(1)))
+    binaries = np.concatenate([np.empty(0, dtype=int), *grid.Z])[:, None]
     for row, low, high in phased.rules:
-        rows.add(row, low, high)
-    for condition in problem.conditions:
-        symbols = casadi.vertcat(*end_symbols(problem))
-        value = casadi.substitute(condition.expression, symbols, _end_values(grid))
+        at = rows.add(1, low, high)
+        terms.add(Point(grid.z, casadi.SX(row)), [binaries], rows.each(at, np.arange(1)))
+    _ends(grid, rows, terms)
+
+
+def _joint(
+    grid: Grid,
+    terms: Terms,
+    where: tuple[int, int],
+    held: Expr,
+    out: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> None:
+    """Add expressions of x, carried, t, p, z where a phase begins (k, 0) or ends (k, 1)."""
+    (k, last), problem = where, grid.phased.of
+    phase, node = grid.phased.phases[k], grid.first[k + last]
+    w = casadi.vertcat(problem.x, phase.carried, time, problem.p, phase.z)
+    moment = Moments(np.array([k]), np.array([float(last)]))
+    given: list[Given] = [grid.X[:, node : node + 1], grid.Y[k][:, [-last]], moment]
+    terms.add(Point(w, held), [*given, grid.p[:, None], grid.Z[k][:, None]], out)
+
+
+def _ends(grid: Grid, rows: _Rows, terms: Terms) -> None:
+    """Add the Mayer term, the end conditions and the bounds of the final time."""
+    problem = grid.phased.of
+    entries = []
+    for i, condition in enumerate(problem.conditions):
         change = grid.scale.condition(problem, condition_slopes(problem, condition))
-        rows.add(value, 0.0 if condition.equation else -np.inf, 0.0, change)
+        at = rows.add(1, 0.0 if condition.equation else -np.inf, 0.0, change)
+        entries.append(rows.each(at, np.array([1 + i])))
     if np.isfinite(problem.final_time_box).any():
-        rows.add(grid.starts[-1], *problem.final_time_box, grid.scale.time)
+        at = rows.add(1, *problem.final_time_box, grid.scale.time)
+        places = np.append(0, grid.lengths)
+        factors = np.full(places.size, 1.0 / grid.scale.time)
+        rows.linear.append((np.full(places.size, at.start), places, factors))
+    point, begin = _end_values(problem), Moments(np.zeros(1, dtype=int), np.zeros(1))
+    given: list[Given] = [grid.X[:, -1:], grid.X[:, :1], grid.p[:, None], begin, grid.end]
+    none = (np.empty(0, dtype=int), np.empty(0, dtype=int), np.empty(0))
+    out = tuple(np.concatenate(each) for each in zip(none, *entries, strict=True))
+    cost = np.append(1.0 / grid.scale.cost, np.zeros(len(problem.conditions)))
+    terms.add(point, given, (out[0], out[1], out[2]), cost)
 
 
-def _end_values(grid: _Grid) -> Expr:
-    return casadi.vertcat(grid.X[:, -1], grid.X[:, 0], grid.p, grid.starts[0], grid.starts[-1])
+@once
+def _end_values(problem: Problem) -> Point:
+    """Return the Mayer term and the end conditions as a function of the symbols of the ends."""
+    conditions = (condition.expression for condition in problem.conditions)
+    return Point(casadi.vertcat(*end_symbols(problem)), casadi.vertcat(problem.mayer, *conditions))
 
 
 def _layout(
-    grid: _Grid, rows: _Rows, defects: list[slice], path: dict[str, tuple[np.ndarray, slice]]
+    grid: Grid, rows: _Rows, defects: list[slice], path: dict[str, tuple[np.ndarray, slice]]
 ) -> Layout:
-    sizes = [1, len(grid.tables), grid.p.numel(), grid.X.numel()]
-    sizes += [
-        each.numel() for each in (*grid.V, *grid.Y, *(phase.z for phase in grid.phased.phases))
-    ]
-    _, lengths, parameters, states, *rest = (
-        slice(a, b) for a, b in pairwise(accumulate(sizes, initial=0))
-    )
+    def at(places: np.ndarray, before: int) -> slice:
+        return slice(before, before + places.size)
+
+    parts = [grid.lengths, grid.p, grid.X, *grid.V, *grid.Y, *grid.Z]
+    begin = accumulate((each.size for each in parts), initial=1)
+    lengths, parameters, states, *rest = map(at, parts, begin)
     free, carried, binaries = (rest[k * len(grid.V) : (k + 1) * len(grid.V)] for k in range(3))
     return Layout(
         phased=grid.phased,

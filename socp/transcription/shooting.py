@@ -19,12 +19,12 @@ from socp.model import (
     Expr,
     Problem,
     Solution,
+    cached,
     column,
     condition_function,
     condition_slopes,
     end_values,
     mayer_function,
-    once,
     parameters_of,
     scales,
     time,
@@ -280,11 +280,18 @@ def interval_ends(phased: PhasedProblem, start: Solution, steps: int) -> list[np
     return found
 
 
-@once
 def _step(phase: Phase, problem: Problem) -> casadi.Function:
     """Return one step (y, h, p) -> y of the states, what is carried, the running cost and the time;
-    built once.
+    built once for all arcs of its modes between two knots: modes determine laws, entries do not
+    change the motion.
     """
+    known, arc = cached(problem, _step), (phase.modes, phase.when)
+    if arc not in known:
+        known[arc] = _built(phase, problem)
+    return known[arc]
+
+
+def _built(phase: Phase, problem: Problem) -> casadi.Function:
     rate, running = phase.flow(problem)
     given = [casadi.vertcat(problem.x, phase.carried), time, problem.p]
     motion = casadi.Function("f", given, [casadi.vertcat(rate, phase.carried_rate, running, 1.0)])

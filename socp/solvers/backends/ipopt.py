@@ -137,6 +137,8 @@ def _solver(nlp: NLP, observer: Observer, options: Mapping[str, Any]) -> casadi.
         wall = min(rest, float(options.get("max_wall_time", math.inf)))
         settings["ipopt.max_wall_time"] = max(wall, _INSTANT)
     try:
+        if nlp.derivatives is not None:
+            settings |= vars(nlp.derivatives())
         return casadi.nlpsol("ipopt", "ipopt", {"x": nlp.v, "f": nlp.f, "g": nlp.g}, settings)
     except RuntimeError as error:
         raise SolveError(f"Ipopt could not be set up: {last_line(error)}") from error

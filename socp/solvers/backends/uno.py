@@ -201,7 +201,15 @@ def _reduced(nlp: NLP, factor: float) -> Reduced[NLP, NLPPoint, NLPPoint]:
     free = np.flatnonzero(nlp.v_box[0] != nlp.v_box[1])
     w = casadi.SX.sym("w", free.size)
     f, g = casadi.substitute([nlp.f, nlp.g], [nlp.v], [_all(nlp, w)])
-    small = replace(nlp, v=w, f=factor * f, g=g, v_box=nlp.v_box[:, free], binary=nlp.binary[free])
+    small = replace(
+        nlp,
+        v=w,
+        f=factor * f,
+        g=g,
+        v_box=nlp.v_box[:, free],
+        binary=nlp.binary[free],
+        derivatives=None,
+    )
 
     def push(point: NLPPoint) -> NLPPoint:
         if point.lam_v is None or point.lam_g is None:

@@ -1,0 +1,201 @@
+"""Where the variables of a collocated programme stand, and the terms that are made of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import final
+
+import casadi
+import numpy as np
+from scipy import sparse
+
+from socp.model import Expr
+from socp.transcription.assembly import Point, Programme, Term
+from socp.transcription.knots import knot_times
+from socp.transcription.mesh import Table
+from socp.transcription.phases import PhasedProblem
+from socp.transcription.scaling import Scale
+
+# Of a phase: more than the rounding of its times, and nothing beside the error of a grid
+_HAIR = 1e-10
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Times (K,): each the beginning of a phase `k` and a share `tau` of its length."""
+
+    k: np.ndarray
+    tau: np.ndarray
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The variables of a transcription by their places, each measured in its own magnitude.
+
+    sizes (n,): the magnitudes; first: first node of every phase and the last node; lengths
+    (phases,); p (np,); X (nx, nodes); V: free controls (nv, collocated) a phase; Y: carried
+    quantities (ny, its nodes) a phase; Z: binaries (nz,) a phase, whose symbols are z. The initial
+    time is the first variable.
+    """
+
+    phased: PhasedProblem
+    tables: list[Table]
+    scale: Scale
+    sizes: np.ndarray
+    first: list[int]
+    lengths: np.ndarray
+    p: np.ndarray
+    X: np.ndarray
+    V: list[np.ndarray]
+    Y: list[np.ndarray]
+    Z: list[np.ndarray]
+    z: Expr
+
+    @classmethod
+    def of(cls, phased: PhasedProblem, tables: list[Table], scale: Scale) -> "Grid":
+        """Lay out the variables: times, lengths, parameters, states, free controls, what is
+        carried, binaries.
+        """
+        count, nx = len(tables), phased.of.x.numel()
+        first = list(accumulate((t.tau.size - 1 for t in tables), initial=0))
+        pairs = list(zip(phased.phases, tables, strict=True))
+        shapes = [(1, 1), (count, 1), (phased.of.p.numel(), 1), (nx, first[-1] + 1)]
+        shapes += [(f.free.numel(), t.collocated.size) for f, t in pairs]
+        shapes += [(f.carried.numel(), t.tau.size) for f, t in pairs]
+        shapes += [(f.z.numel(), 1) for f in phased.phases]
+        sizes = [np.full(1, scale.time), np.full(count, scale.time), scale.p, scale.x]
+        sizes += [scale.control(f) for f in phased.phases]
+        sizes += [scale.costate[: f.carried.numel()] for f in phased.phases]
+        sizes += [np.ones(f.z.numel()) for f in phased.phases]
+        begin = list(accumulate((rows * columns for rows, columns in shapes), initial=0))
+        places = [
+            np.arange(at, at + rows * columns).reshape((rows, columns), order="F")
+            for at, (rows, columns) in zip(begin, shapes, strict=False)
+        ]
+        _, lengths, p, X, *rest = places
+        return cls(
+            phased=phased,
+            tables=tables,
+            scale=scale,
+            sizes=np.concatenate(
+                [np.tile(size, shape[1]) for size, shape in zip(sizes, shapes, strict=True)]
+            ),
+            first=first,
+            lengths=lengths[:, 0],
+            p=p[:, 0],
+            X=X,
+            V=rest[:count],
+            Y=rest[count : 2 * count],
+            Z=[each[:, 0] for each in rest[2 * count :]],
+            z=casadi.vertcat(casadi.SX(0, 1), *(phase.z for phase in phased.phases)),
+        )
+
+    @property
+    def count(self) -> int:
+        """Number of the variables."""
+        return int(self.sizes.size)
+
+    def times(self, k: int) -> Moments:
+        """Return the times of all nodes of a phase.
+
+        Where the problem has knots a free control's intervals end a hair before them: at a knot
+        itself its functions are those of what follows.
+        """
+        tau = self.tables[k].tau.copy()
+        if self.phased.phases[k].free.numel() and knot_times(self.phased.of):
+            tau[self.tables[k].mesh[1:]] -= _HAIR
+        return Moments(np.full(tau.size, k), tau)
+
+    @property
+    def end(self) -> Moments:
+        """The final time."""
+        return Moments(np.array([len(self.tables) - 1]), np.ones(1))
+
+
+Given = np.ndarray | Moments  # places of variables (rows, K), the same everywhere (rows, 1); times
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """Collects the terms of a programme on a grid."""
+
+    grid: Grid
+    found: list[tuple[Point, int, sparse.csr_matrix, tuple[np.ndarray, ...], np.ndarray]]
+
+    def add(
+        self,
+        point: Point,
+        given: Sequence[Given],
+        out: tuple[np.ndarray, np.ndarray, np.ndarray],
+        cost: np.ndarray | None = None,
+    ) -> None:
+        """Add a point function at as many points as are given: the values (ny K,), a point's next
+        to one another, enter the rows by entries `out`, rows, places among the values and factors,
+        and the objective by `cost` (ny K,).
+        """
+        count = max(each.k.size if isinstance(each, Moments) else each.shape[1] for each in given)
+        weights = np.zeros(point.y.numel() * count) if cost is None else cost
+        if count and point.y.numel():
+            self.found.append((point, count, self._linear(given, count), out, weights))
+
+    def _linear(self, given: Sequence[Given], count: int) -> sparse.csr_matrix:
+        """Return E (nw K, n): a point's arguments next to one another."""
+        width = sum(1 if isinstance(each, Moments) else each.shape[0] for each in given)
+        rows, columns, data, at = [], [], [], 0
+        for each in given:
+            if isinstance(each, Moments):
+                row = width * np.arange(count) + at
+                # the time of a point is the initial time, the lengths of the phases before, a share
+                # of its own
+                before = np.arange(self.grid.lengths.size)[None, :] < each.k[:, None]
+                shares = before + np.zeros(before.shape)
+                shares[np.arange(count), each.k] = each.tau
+                point, phase = np.nonzero(shares)
+                rows += [row, row[point]]
+                columns += [np.zeros(count, dtype=int), self.grid.lengths[phase]]
+                data += [np.ones(count), shares[point, phase]]
+                at += 1
+            else:
+                places = np.broadcast_to(each, (each.shape[0], count))
+                row = width * np.arange(count)[None, :] + at + np.arange(each.shape[0])[:, None]
+                rows.append(row.ravel())
+                columns.append(places.ravel())
+                data.append(np.ones(places.size))
+                at += each.shape[0]
+        row, column, factor = (np.concatenate(each) for each in (rows, columns, data))
+        shape = (width * count, self.grid.count)
+        return sparse.csr_matrix((factor * self.grid.sizes[column], (row, column)), shape)
+
+    def programme(
+        self, rows: int, linear: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]
+    ) -> Programme:
+        """Return the programme of so many rows; `linear` are the entries, in the problem's units,
+        of what enters them linearly.
+        """
+        at, column, data = (
+            np.concatenate([np.empty(0, dtype=kind), *each])
+            for kind, each in zip(
+                (int, int, float),
+                zip(*linear, strict=True) if linear else ((), (), ()),
+                strict=True,
+            )
+        )
+        shape = (rows, self.grid.count)
+        A = sparse.csr_matrix((data * self.grid.sizes[column], (at, column)), shape)
+        return Programme(
+            A,
+            [
+                Term(
+                    point,
+                    count,
+                    E,
+                    np.zeros(E.shape[0]),
+                    sparse.csc_matrix((out[2], out[:2]), (rows, point.y.numel() * count)),
+                    cost,
+                )
+                for point, count, E, out, cost in self.found
+            ],
+        )
