@@ -18,11 +18,13 @@ T = TypeVar("T")
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Derivatives:
-    """Derivatives of a programme as casadi functions that a solver is handed: `grad_f` x, p -> f,
+    """Derivatives of a programme as casadi functions that a solver is handed with `nlp` x, p -> f,
+    g: `grad_f` x, p -> f,
     grad_f_x (n, 1); `jac_g` x, p -> g, jac_g_x (m, n); `hess_lag` x, p, lam_f, lam_g -> the upper
     triangle of the Lagrangian's Hessian (n, n).
     """
 
+    nlp: Any
     grad_f: Any
     jac_g: Any
     hess_lag: Any

@@ -2,8 +2,8 @@
 points.
 
 Everything nonlinear in a collocated programme is a small function of what holds at one node, which
-is linear in the variables, and enters rows and objective linearly: with w = E v + e the points'
-arguments and y = F(w), point by point, g = A v + O F(E v + e). So the Jacobian is A + O F' E and
+is linear in the variables, and enters rows and objective linearly: with w = E v the points'
+arguments and y = F(w), point by point, g = A v + O F(E v). So the Jacobian is A + O F' E and
 the Hessian of the Lagrangian E' (mu . F'') E with mu = O' lambda. E and O are numbers, and F' and
 F'' cost what one point costs, whatever the mesh: no sparsity is looked for and no column coloured
 (Betts, Practical Methods, 4.6.2; casadi's own way grows with a dense column such as a free final
@@ -83,7 +83,7 @@ def _entries(matrix: Expr) -> Expr:
 @final
 @dataclass(frozen=True, eq=False)
 class Term:
-    """A point function at K points: its arguments are E v + e (nw K,), a point's next to one
+    """A point function at K points: its arguments are E v (nw K,), a point's next to one
     another, and its values (ny K,) enter the rows by `out` (m, ny K) and the objective by `cost`
     (ny K,).
     """
@@ -91,14 +91,26 @@ class Term:
     point: Point
     count: int
     E: sparse.csr_matrix
-    e: np.ndarray
     out: sparse.csc_matrix
     cost: np.ndarray
 
+    @cached_property
+    def _given(self) -> casadi.DM:
+        return _numbers(self.E.tocsc())
+
+    @cached_property
+    def entering(self) -> casadi.DM:
+        """How values enter the rows: (m, ny K)."""
+        return _numbers(self.out)
+
+    @cached_property
+    def costing(self) -> casadi.DM:
+        """How values enter the objective: (1, ny K)."""
+        return _numbers(sparse.csc_matrix(self.cost[None, :]))
+
     def arguments(self, v: Any) -> Any:
         """Return the arguments (nw, K) for variables v, as expressions of their kind."""
-        w = casadi.mtimes(casadi.DM(self.E.tocsc()), v) + casadi.DM(self.e)
-        return casadi.reshape(casadi.densify(w), -1, self.count)
+        return casadi.reshape(casadi.densify(casadi.mtimes(self._given, v)), -1, self.count)
 
 
 @final
@@ -109,10 +121,14 @@ class Programme:
     A: sparse.csr_matrix
     terms: Sequence[Term]
 
+    @cached_property
+    def _linear(self) -> casadi.DM:
+        return _numbers(self.A.tocsc())
+
     def values(self, v: Any) -> tuple[Any, Any]:
         """Return objective (1, 1) and rows (m, 1) for variables v, as expressions of their kind."""
         kind = type(v)
-        f, g = kind(0), casadi.mtimes(casadi.DM(self.A.tocsc()), v)
+        f, g = kind(0), casadi.mtimes(self._linear, v)
         for term in self.terms:
             y = casadi.vec(term.point.value.map(term.count)(term.arguments(v)))
             f, g = self._added(f, g, term, y)
@@ -120,9 +136,9 @@ class Programme:
 
     def _added(self, f: Any, g: Any, term: Term, y: Any) -> tuple[Any, Any]:
         if term.cost.any():
-            f = f + casadi.mtimes(_row(term.cost), y)
+            f = f + casadi.mtimes(term.costing, y)
         if term.out.nnz:
-            g = g + casadi.mtimes(casadi.DM(term.out), y)
+            g = g + casadi.mtimes(term.entering, y)
         return f, g
 
     @cached_property
@@ -131,7 +147,7 @@ class Programme:
         m, n = self.A.shape
         v, p = casadi.MX.sym("v", n), casadi.MX.sym("p", 0)
         lam_f, lam_g = casadi.MX.sym("lam_f"), casadi.MX.sym("lam_g", m)
-        f, g = casadi.MX(0), casadi.mtimes(casadi.DM(self.A.tocsc()), v)
+        f, g = casadi.MX(0), casadi.mtimes(self._linear, v)
         gradient, slopes = _Entries.of((1, n)), _Entries.of((m, n))
         slopes.fixed(self.A)
         curvature = _Entries.of((n, n))
@@ -141,15 +157,14 @@ class Programme:
             f, g = self._added(f, g, term, casadi.vec(y))
             gradient.add(casadi.vec(J), *_products(term, sparse.csc_matrix(term.cost)))
             slopes.add(casadi.vec(J), *_products(term, term.out))
-            mu = casadi.mtimes(casadi.DM(term.out.T.tocsc()), lam_g) + casadi.mtimes(
-                _row(term.cost).T, lam_f
-            )
+            mu = casadi.mtimes(term.entering.T, lam_g) + casadi.mtimes(term.costing.T, lam_f)
             if term.point.curved[0].size:
                 mu = casadi.reshape(casadi.densify(mu), -1, term.count)
                 H = term.point.curvature.map(term.count)(w, mu)
                 curvature.add(casadi.vec(H), *_sandwiched(term))
         f, g = casadi.densify(f), casadi.densify(g)
         return Derivatives(
+            nlp=casadi.Function("nlp", [v, p], list(self.values(v)), ["x", "p"], ["f", "g"]),
             grad_f=casadi.Function(
                 "nlp_grad_f",
                 [v, p],
@@ -218,11 +233,14 @@ class _Entries:
         weights = sparse.csc_matrix((factors, (entry, places)), (where.size, given.numel()))
         ends = np.searchsorted(where, self.shape[0] * np.arange(self.shape[1] + 1))
         pattern = casadi.Sparsity(*self.shape, ends.tolist(), (where % self.shape[0]).tolist())
-        return casadi.MX(pattern, casadi.densify(casadi.mtimes(casadi.DM(weights), given)))
+        return casadi.MX(pattern, casadi.densify(casadi.mtimes(_numbers(weights), given)))
 
 
-def _row(values: np.ndarray) -> casadi.DM:
-    return casadi.DM(sparse.csc_matrix(values[None, :]))
+def _numbers(matrix: sparse.csc_matrix) -> casadi.DM:
+    """Return a sparse matrix as casadi keeps it: its own conversion takes twenty times as long."""
+    matrix.sort_indices()
+    pattern = casadi.Sparsity(*matrix.shape, matrix.indptr.tolist(), matrix.indices.tolist())
+    return casadi.DM(pattern, matrix.data.tolist())
 
 
 def _products(

@@ -192,7 +192,6 @@ class Terms:
                     point,
                     count,
                     E,
-                    np.zeros(E.shape[0]),
                     sparse.csc_matrix((out[2], out[:2]), (rows, point.y.numel() * count)),
                     cost,
                 )

@@ -137,9 +137,10 @@ def _solver(nlp: NLP, observer: Observer, options: Mapping[str, Any]) -> casadi.
         wall = min(rest, float(options.get("max_wall_time", math.inf)))
         settings["ipopt.max_wall_time"] = max(wall, _INSTANT)
     try:
-        if nlp.derivatives is not None:
-            settings |= vars(nlp.derivatives())
-        return casadi.nlpsol("ipopt", "ipopt", {"x": nlp.v, "f": nlp.f, "g": nlp.g}, settings)
+        if nlp.derivatives is None:
+            return casadi.nlpsol("ipopt", "ipopt", {"x": nlp.v, "f": nlp.f, "g": nlp.g}, settings)
+        known = dict(vars(nlp.derivatives()))
+        return casadi.nlpsol("ipopt", "ipopt", known.pop("nlp"), settings | known)
     except RuntimeError as error:
         raise SolveError(f"Ipopt could not be set up: {last_line(error)}") from error
 
