@@ -8,7 +8,7 @@ from typing import Any
 import casadi
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from known_schemes import FAMILIES, FIXED
 from socp_problems.auv import problem as auv
@@ -93,6 +93,31 @@ def test_a_phase_of_no_length_survives_the_way_up_and_down(data: Any, choice: in
     point[count] = 0.0
     pushed = reduced.push(reduced.lift(NLPPoint(v=point))).v
     np.testing.assert_allclose(pushed, point, rtol=1e-9)
+
+
+@settings(max_examples=12)  # casadi's own derivatives, which these are held against, take long
+@given(st.data(), st.integers(0, len(WORDS) - 1), st.integers(0, 2**32 - 1))
+def test_derivatives_are_those_of_the_programme(data: Any, choice: int, seed: int) -> None:
+    problem, word = WORDS[choice]
+    phased = follow(problem, Word.parse(word, problem.control_names))
+    near = data.draw(st.sampled_from([None, default_guess(problem)]))
+    nlp = collocate(phased, data.draw(meshes(len(phased.phases))), near).problem
+    assert nlp.derivatives is not None
+    known, random = nlp.derivatives(), np.random.default_rng(seed)
+    v, weight = random.normal(size=nlp.v.numel()), random.normal()
+    held = random.normal(size=nlp.g.numel())
+    lam = casadi.SX.sym("lam", held.size)
+    lagrangian = weight * nlp.f + casadi.dot(lam, nlp.g)
+    wanted = [nlp.f, nlp.g, casadi.gradient(nlp.f, nlp.v), casadi.jacobian(nlp.g, nlp.v)]
+    wanted.append(casadi.triu(casadi.hessian(lagrangian, nlp.v)[0]))
+    right = casadi.Function("right", [nlp.v, lam], wanted)(v, held)
+    f, gradient = known.grad_f(v, [])
+    g, slopes = known.jac_g(v, [])
+    found = [f, g, gradient, slopes, known.hess_lag(v, [], weight, held)]
+    for ours, theirs in zip(found, right, strict=True):
+        size = np.abs(theirs.full()).max(initial=1.0)
+        np.testing.assert_allclose(ours.full(), theirs.full(), atol=1e-12 * size)
+    assert slopes.nnz() == right[3].nnz()  # as sparse as the programme
 
 
 @pytest.mark.parametrize(
