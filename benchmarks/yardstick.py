@@ -10,7 +10,8 @@ import numpy as np
 from socp import Problem, Solution
 from socp.model import end_symbols, parameters_of, time
 
-_QUIET = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
+# A grid that takes more iterations than this has failed, and measures nothing
+_QUIET = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.max_iter": 500}
 _RADAU = 3  # points an interval of the collocation
 
 
