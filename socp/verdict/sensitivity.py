@@ -207,7 +207,7 @@ def _bound(system: _System, symbol: str, end: str) -> _Change:
         if known is None or known[2] != system.pieces:
             raise SolveError(f"no derivative by {symbol}.{end}: kinks move with it")
         there = Shooting(known[0], shooting.solution, shooting.steps)
-        if there.laid[2].size != held.size:
+        if there.signs.size != held.size:
             raise SolveError(f"no derivative by {symbol}.{end}: it is met at an end of the horizon")
         values = Conditions(there).values(at, held)
         slope += weight / step * values[0]
