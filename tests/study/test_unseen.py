@@ -1,5 +1,6 @@
 """What a census lets expect of extremals that it did not meet."""
 
+from dataclasses import replace
 from math import comb
 
 import pytest
@@ -13,8 +14,6 @@ from socp.study.unseen import Unseen, unseen
 
 def census(counts: list[int], nowhere: int = 0) -> Census:
     """Return a census whose starts ended in extremals so many times each."""
-    from dataclasses import replace
-
     verdict = Verdict(miss=0.0, findings=(Finding(kind=Condition.SIGN, residual=0.0),))
     one = replace(default_guess(problem), verdict=verdict)
     ended = [
