@@ -72,8 +72,8 @@ def starts_lines(found: "Starts | None") -> list[str]:
     met = ", ".join(f"{each.objective:.6g} ({each.starts})" for each in found.coarse[:_TOLD])
     more = f" and {count - _TOLD} more" if count > _TOLD else ""
     which = "a local solution" if count == 1 else f"{count} local solutions"
-    share = "all" if ended == found.tried else str(ended)
-    told = f"; {share} of them ended in {which}, on a coarse grid at {met}{more}" if count else ""
+    share = f"{ended} of them" if ended < found.tried else "all" if ended > 1 else "it"
+    told = f"; {share} ended in {which}, on a coarse grid at {met}{more}" if count else ""
     others = [
         f"another extremal was certified at {each.objective:.12g}: {each.word}"
         for each in found.extremals

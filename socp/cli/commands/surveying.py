@@ -205,8 +205,8 @@ def _of_unseen(found: "Census") -> list[str]:
     )
     sure = (
         f"an extremal in which more than {left.missed:.1%} of the starts of this generator end "
-        "would have been missed with a probability below 5 %; one that it does not lead to is missed "
-        "by any number of starts"
+        "would have been missed with a probability below 5 %; one that it does not lead to is "
+        "missed by any number of starts"
     )
     return [told, sure]
 
