@@ -10,5 +10,5 @@ from .frontier import limit as limit
 from .frontier import limit_switches as limit_switches
 from .store import Store as Store
 from .store import fingerprint as fingerprint
-from .unseen import Unseen as Unseen
-from .unseen import unseen as unseen
+from .expectation import Unseen as Unseen
+from .expectation import unseen as unseen

@@ -9,7 +9,7 @@ from socp_problems.double_integrator_time import problem
 from socp import default_guess
 from socp.model.findings import Condition, Finding, Verdict
 from socp.study.clusters import Census, Outcome
-from socp.study.unseen import Unseen, unseen
+from socp.study.expectation import Unseen, unseen
 
 
 def census(counts: list[int], nowhere: int = 0) -> Census:
