@@ -99,6 +99,8 @@ def corrected(pair: Pair, at: np.ndarray) -> np.ndarray | None:
     for _ in range(_CORRECTIONS):
         here = conditions.linearised(at)
         slopes = here.slopes * conditions.size
+        if not (np.isfinite(slopes).all() and np.isfinite(here.equations).all()):
+            return None
         step: np.ndarray = np.linalg.lstsq(slopes, -here.equations, rcond=None)[0]
         at = at + conditions.size * step
         if not np.isfinite(at).all() or (at[lengths] <= 0.0).any():
