@@ -1,7 +1,8 @@
-"""What the second order says of the registered problems, and what it costs.
+"""The rung of the ladder that every registered problem reaches, what decides it, and what that
+costs.
 
 Run as `python benchmarks/ladder.py [NAME ...]`: every problem is solved by `auto`, and what its
-verdict says beyond the principle is worked out once more by itself, timed in this process.
+verdict says beyond the principle is worked out once more by itself, in CPU seconds of this process.
 """
 
 import argparse
@@ -15,7 +16,7 @@ from rich.table import Table
 
 from socp import Solution, default_guess
 from socp.methods import run
-from socp.model import Curvature, cached
+from socp.model import Curvature, cached, rung_of
 from socp.registry.plugins import Registry
 from socp.verdict import second_order
 
@@ -27,29 +28,28 @@ def shown(found: Curvature | None) -> str:
     return "nothing free" if found.free == 0 else f"{found.least:.3g} ± {found.error:.0e}"
 
 
-def row(registry: Registry, name: str, seconds: float) -> list[str]:
-    """Solve a problem and return its row."""
+def row(registry: Registry, name: str, seconds: float) -> tuple[list[str], float, float]:
+    """Solve a problem and return its row, with the CPU seconds of solve and second order."""
     problem = registry.problem(name)
     began = time.process_time()
     solution: Solution = run(
         registry.method("auto")(seconds=seconds), problem, default_guess(problem)
     )
     whole = time.process_time() - began
-    if not solution.extremal:
-        return [name, solution.word, "not certified", "", "", f"{whole:.2f}", ""]
+    verdict = solution.verdict
+    rung = rung_of(verdict).value
+    if verdict is None or not verdict.extremal:
+        return [name, solution.word, rung, "", "", "", f"{whole:.2f}", ""], whole, 0.0
     cached(problem, second_order).clear()  # the solve itself asked
     began = time.process_time()
     found = second_order(problem, solution)
     taken = time.process_time() - began
-    return [
-        name,
-        solution.word,
-        found.kind.value,
-        shown(found.word),
-        shown(found.singular),
-        f"{whole:.2f}",
-        f"{taken:.2f} ({taken / (whole - taken):.0%})",
+    share = taken / (whole - taken)
+    cells = [
+        *(name, solution.word, rung, shown(found.word), shown(found.singular)),
+        *("; ".join(found.limits[:2]), f"{whole:.2f}", f"{taken:.2f} ({share:.0%})"),
     ]
+    return cells, whole, taken
 
 
 def main() -> None:
@@ -59,10 +59,15 @@ def main() -> None:
     parser.add_argument("names", nargs="*", default=sorted(registry.entries), metavar="NAME")
     parser.add_argument("--seconds", type=float, default=60.0, help="allowed to each solve")
     given = parser.parse_args()
-    table = Table("problem", "word", "claim", "of the word", "singular", "s", "second order")
+    heads = ("problem", "word", "rung", "of the word", "singular", "no more for", "solve, s")
+    table, solves, orders = Table(*heads, "second order, s"), 0.0, 0.0
     for name in given.names:
-        table.add_row(*row(registry, name, given.seconds))
-    Console(width=180).print(table)
+        cells, whole, taken = row(registry, name, given.seconds)
+        table.add_row(*cells)
+        solves, orders = solves + whole - taken, orders + taken
+    console = Console(width=200)
+    console.print(table)
+    console.print(f"second order in all: {orders:.2f} s, {orders / solves:.0%} of the solves' time")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from socp import (
     single_phase,
     solve_collocated,
 )
-from socp.methods import scouts
+from socp.methods import scouted
 from socp.model import Stop
 from socp.process import time_limit
 from socp.search import (
@@ -35,6 +35,7 @@ from socp.search import (
     refine,
     time_shares,
     with_agreement,
+    with_starts,
 )
 from socp.solvers import default_backend
 from socp.study import limit_switches
@@ -87,6 +88,7 @@ class Auto(Method):
             found = replace(known, stop=Stop.INTERRUPTED)
         own = {name: found.seconds.get(name, 0.0) for name in ("build", "solve")}
         seconds = {"search": time.perf_counter() - began - sum(own.values()), **own}
+        found = with_starts(found, search)
         return replace(found, seconds=seconds, nodes=tuple(search.nodes))
 
     def _searched(
@@ -96,7 +98,8 @@ class Auto(Method):
         whole, first = time_shares(self.seconds)
         with time_limit(whole):
             with time_limit(first):
-                met = scouts(problem, guess, self.starts, watch, self.backend)
+                search.scouted = scouted(problem, guess, self.starts, watch, self.backend)
+                met = search.scouted.solutions
                 stopped = self._first(problem, [*met, guess], known, watch)
             if stopped is not None:
                 return stopped

@@ -3,6 +3,7 @@ which one is best.
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import chain, islice
 from typing import final
 
@@ -26,6 +27,39 @@ _ALIKE = 1e-3
 _MET = 3
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class Scouted:
+    """The extremals that coarse solves met, best first, each with the number of starts that ended
+    in it, and the number of starts tried. An interrupted solve stands alone, without a number.
+    """
+
+    met: tuple[tuple[Solution, int], ...]
+    tried: int
+
+    @property
+    def solutions(self) -> list[Solution]:
+        """The coarse solutions, best first."""
+        return [solution for solution, _ in self.met]
+
+
+def scouted(
+    problem: Problem,
+    guess: Solution,
+    starts: int,
+    watch: Watch = silent,
+    backend: Backend | None = None,
+) -> Scouted:
+    """Return one coarse solution for every extremal met from the guess and scattered ones.
+
+    At most `starts` guesses are tried, none for 0; it ends once the best extremal has been met
+    three times, and as often as all others.
+    """
+    starting = islice(_guesses(problem, guess), starts)
+    rough = (backend or default_backend()).within(_TOLERANCE).limited(_ITERATIONS)
+    return _Scouting(problem, guess, watch).all(starting, rough)
+
+
 def scouts(
     problem: Problem,
     guess: Solution,
@@ -33,15 +67,8 @@ def scouts(
     watch: Watch = silent,
     backend: Backend | None = None,
 ) -> list[Solution]:
-    """Return one coarse solution for every extremal met from the guess and scattered ones, best
-    first.
-
-    At most `starts` guesses are tried, none for 0; it ends once the best extremal has been met
-    three times, and as often as all others. An interrupted solve is returned alone.
-    """
-    starting = islice(_guesses(problem, guess), starts)
-    rough = (backend or default_backend()).within(_TOLERANCE).limited(_ITERATIONS)
-    return _Scouting(problem, guess, watch).all(starting, rough)
+    """Return the coarse solutions of `scouted` alone."""
+    return scouted(problem, guess, starts, watch, backend).solutions
 
 
 def scouts_from_motions(
@@ -52,7 +79,7 @@ def scouts_from_motions(
     """
     starts = chain(motions(problem, guess), other_horizons(problem, guess))
     patient = (backend or default_backend()).within(_TOLERANCE).limited(_PATIENT)
-    return _Scouting(problem, guess, watch).all(starts, patient)
+    return _Scouting(problem, guess, watch).all(starts, patient).solutions
 
 
 @final
@@ -64,24 +91,26 @@ class _Scouting:
         self.reduced = collocate(single_phase(problem), [mesh], guess)
         self.watch = lifting_watch(watch, self.reduced)
 
-    def all(self, guesses: Iterator[Solution], backend: Backend) -> list[Solution]:
-        """Return the extremals met, best first, or an interrupted solve alone."""
+    def all(self, guesses: Iterator[Solution], backend: Backend) -> Scouted:
+        """Return the extremals met, or an interrupted solve alone."""
         met: list[tuple[Solution, int]] = []
+        tried = 0
         for start in guesses:
             if seconds_left() <= 0.0:
                 break
+            tried += 1
             try:
                 point = backend(self.reduced.problem, self.reduced.push(start), self.watch)
                 found = self.reduced.lift(point)
             except SolveError:
                 continue
             if found.stop is Stop.INTERRUPTED:
-                return [found]
+                return Scouted(((found, 0),), tried)
             if found.stop.ok:
                 met = count_in(met, found)
             if met and met[0][1] >= max(_MET, sum(count for _, count in met[1:])):
                 break
-        return [solution for solution, _ in met]
+        return Scouted(tuple(met), tried)
 
 
 def _guesses(problem: Problem, guess: Solution) -> Iterator[Solution]:

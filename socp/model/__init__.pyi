@@ -53,6 +53,10 @@ from .ladder.second_order import Curvature as Curvature
 from .ladder.second_order import Descent as Descent
 from .ladder.second_order import Minimum as Minimum
 from .ladder.second_order import SecondOrder as SecondOrder
+from .ladder.sensitivity import Sensitivities as Sensitivities
+from .ladder.sensitivity import Sensitivity as Sensitivity
+from .ladder.starts import Met as Met
+from .ladder.starts import Starts as Starts
 from .parts import Constraint as Constraint
 from .parts import Reference as Reference
 from .parts import Scene as Scene

@@ -1,6 +1,6 @@
 """Solutions: frozen arcs of states, controls and costates, and evaluation at any time."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
@@ -11,6 +11,8 @@ import numpy as np
 from socp.model.arc import Arc, Which
 from socp.model.data.views import view
 from socp.model.findings import Agreement, Feasibility, Node, Verdict
+from socp.model.ladder.sensitivity import Sensitivities
+from socp.model.ladder.starts import Starts
 from socp.model.tolerances import EXTREMAL
 
 if TYPE_CHECKING:
@@ -46,6 +48,7 @@ class Solution:
     before this one. `structure` gives every control's stretches (mode, start, end). `verified`
     holds the feasibility by time and, where the word has laws, by feedback; `verdict` is the
     judge's. `agreement`: how far apart two computations of this solution are, where there were two.
+    `starts`: from how many starts a search took the best, None where it made none.
     `statement` is the problem that was judged, as data; `unstated` says why there is none, where it
     cannot be written.
     """
@@ -70,6 +73,7 @@ class Solution:
     verified: tuple[Feasibility, ...] = ()
     verdict: Verdict | None = None
     agreement: Agreement | None = None
+    starts: Starts | None = None
     # where it comes from
     method: str
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -198,6 +202,15 @@ class Solution:
         functions too.
         """
         return view("dataset")(self, problem)
+
+    def sensitivity(
+        self, problem: "Problem", to: Sequence[str] = (), at: Sequence[float] = ()
+    ) -> Sensitivities:
+        """Return the derivatives of a certified solution with respect to data of its problem, all
+        where none is named, with those of the states at times `at`: see `socp.verdict.derivatives`.
+        """
+        found: Sensitivities = view("sensitivity")(self, problem, to, at)
+        return found
 
     def plot(self, problem: "Problem | None" = None, **look: Any) -> Any:
         """Return a matplotlib Figure; with the problem bounds, switching functions and the scene

@@ -6,6 +6,7 @@ from .candidate import merged as merged
 from .candidate import without_short_arcs as without_short_arcs
 from .conclusion import conclude as conclude
 from .conclusion import pursue as pursue
+from .conclusion import with_starts as with_starts
 from .digits import with_agreement as with_agreement
 from .effort import Ration as Ration
 from .effort import Search as Search

@@ -8,7 +8,7 @@ from typing import final
 
 from socp.errors import SolveError
 from socp.methods import solve_collocated
-from socp.model import FEASIBLE, Problem, Solution, Stop, Watch, silent
+from socp.model import FEASIBLE, TINY, Met, Problem, Solution, Starts, Stop, Watch, silent
 from socp.process import seconds_left
 from socp.search.effort import Ration, Search, clearly, off, precedes
 from socp.search.refinement import refine
@@ -28,6 +28,8 @@ _NEXT = (  # what reads words in another way than this search does
     "other words: -m mboc searches all of few switches, -m lgr-multiphase -o word='...' tries one"
 )
 _TOLERANCE = 1e-7  # of those: a solution is compared by its re-integration
+# Relative: two certified objectives of one extremal differ by less
+_SAME = 1e-6
 _ITERATIONS = 150  # from a solution nearby it takes some ten
 
 
@@ -63,6 +65,31 @@ def conclude(
         return directs[0]
     parts = (chosen.message, explanation(problem, search), compared)
     return replace(chosen, message="; ".join(filter(None, parts)))
+
+
+def with_starts(solution: Solution, search: Search) -> Solution:
+    """Return a solution with the starts that it is the best of, and the other extremals that the
+    search met.
+    """
+    if search.scouted is None or not search.scouted.tried:
+        return solution
+    met: list[Solution] = [solution]
+    for each in search.extremals:
+        if not any(_one(each, other) for other in met):
+            met.append(each)
+    others = sorted(met[1:], key=lambda each: each.objective)
+    starts = Starts(
+        tried=search.scouted.tried,
+        coarse=tuple(Met(objective=e.objective, starts=n) for e, n in search.scouted.met if n),
+        extremals=tuple(Met(objective=each.objective, word=each.word) for each in others),
+    )
+    return replace(solution, starts=starts)
+
+
+def _one(one: Solution, other: Solution) -> bool:
+    """Tell whether two extremals are the same, by their objectives."""
+    size = max(abs(one.objective), abs(other.objective), TINY)
+    return abs(one.objective - other.objective) <= _SAME * size
 
 
 def foremost(
@@ -125,7 +152,11 @@ def pursue(
     known = better_point(problem, search, directs)
     if known is None:
         return
-    more = Search(backend=Ration(_FURTHER, search.backend.backend), nodes=search.nodes)
+    more = Search(
+        backend=Ration(_FURTHER, search.backend.backend),
+        nodes=search.nodes,
+        extremals=search.extremals,
+    )
     for mesh in (None, finer.meshes[0]):
         direct = known if mesh is None else finer(known, mesh)
         if direct is None:

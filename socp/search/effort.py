@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 from typing import final
 
+from socp.methods import Scouted
 from socp.model import EXTREMAL, FEASIBLE, Node, Solution, Stop, Watch, search_watch, silent
 from socp.process import seconds_left
 from socp.search.candidate import Candidate
@@ -55,7 +56,8 @@ class Search:
     best solution.
 
     `refine` goes on with it from one direct solution to the next. `grids`: steps of the grids of
-    all rounds; `late`: whether the time allowed, `seconds`, ended it.
+    all rounds; `late`: whether the time allowed, `seconds`, ended it; `extremals`: all that were
+    certified; `scouted`: what its coarse starts met.
     """
 
     solved: dict[str, float] = field(default_factory=dict)
@@ -69,6 +71,8 @@ class Search:
     grids: list[int] = field(default_factory=list)
     late: bool = False
     seconds: float = 0.0
+    extremals: list[Solution] = field(default_factory=list)
+    scouted: Scouted | None = None
 
     def begin(self, backend: Ration, words: int, steps: int) -> None:
         """Begin another round: with so much more work and so many more words, on grids of so many
@@ -91,7 +95,9 @@ class Search:
         """Keep a judged word if it is the best; `other` remains the best of those that are not
         certified.
         """
-        if not solution.extremal and (self.other is None or precedes(solution, self.other)):
+        if solution.extremal:
+            self.extremals.append(solution)
+        elif self.other is None or precedes(solution, self.other):
             self.other = solution
         if self.best is None or precedes(solution, self.best):
             self.best = solution

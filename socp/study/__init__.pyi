@@ -3,6 +3,8 @@ from .census import recipe as recipe
 from .census import survey as survey
 from .clusters import Census as Census
 from .clusters import Cluster as Cluster
+from .expectation import Unseen as Unseen
+from .expectation import unseen as unseen
 from .frontier import Frontier as Frontier
 from .frontier import best_by_switches as best_by_switches
 from .frontier import distinct_rows as distinct_rows

@@ -6,6 +6,7 @@ from .kinks import smooth as smooth
 from .knots import cut_at_knots as cut_at_knots
 from .knots import knot_times as knot_times
 from .knots import knotted as knotted
+from .linearised import Linearised as Linearised
 from .mesh import Mesh as Mesh
 from .mesh import Table as Table
 from .mesh import refined_meshes as refined_meshes

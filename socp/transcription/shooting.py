@@ -7,19 +7,16 @@ means something.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, final
+from typing import final
 
 import casadi
 import numpy as np
-from scipy.integrate import DOP853
 
 from socp.model import (
     TINY,
     Arc,
     Expr,
-    Problem,
     Solution,
-    cached,
     column,
     condition_function,
     condition_slopes,
@@ -30,6 +27,7 @@ from socp.model import (
     time,
 )
 from socp.transcription.lifting import mapped
+from socp.transcription.motion import Motion, motion_of
 from socp.transcription.phases import Phase, PhasedProblem
 
 _ACTIVE = (
@@ -51,6 +49,18 @@ class EndRow:
     name: str
     expression: Expr
     sign: float
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Places of a phase's values among the variables (n + 1, nz) and of what its n intervals leave
+    among the equations (n, nz), and the `shares` (n + 1,) of its length where these begin and end.
+    """
+
+    variables: np.ndarray
+    equations: np.ndarray
+    shares: np.ndarray
 
 
 @final
@@ -109,37 +119,73 @@ class Shooting:
         )
 
     @cached_property
-    def flows(self) -> list[casadi.Function]:
-        """Of every phase: (z, t, h, p) -> z and the running cost after a time h."""
-        return [flow(self.phased.of, phase, self.steps) for phase in self.phased.phases]
+    def motions(self) -> list[Motion]:
+        """The motion along the law of every phase."""
+        return [motion_of(self.phased.of, phase) for phase in self.phased.phases]
 
     @cached_property
-    def laid(self) -> tuple[Expr, Expr, np.ndarray]:
-        """Cost, equations (m, 1), and their signs (m,), not 0 for active inequalities.
+    def flows(self) -> list[casadi.Function]:
+        """Of every phase: (z, t, h, p) -> z and the running cost after a time h."""
+        return [each.flow(self.steps) for each in self.motions]
 
-        Sign times multiplier must not be negative there.
-        """
-        problem, nx = self.phased.of, self.phased.of.x.numel()
-        t0, lengths, p, z = self.parts
-        cost, blocks, begin = casadi.MX(0), [], t0
-        for k, (_, arc) in enumerate(self.pairs):
+    @cached_property
+    def blocks(self) -> list[Block]:
+        """Where the intervals of every phase stand among variables and equations."""
+        nx, row, at = self.phased.of.x.numel(), 0, 1 + len(self.pairs) + self.phased.of.p.numel()
+        found = []
+        for k, (phase, arc) in enumerate(self.pairs):
+            rows, count = nx + phase.carried.numel(), arc.mesh.size
             shares = (arc.t[arc.mesh] - arc.t[0]) / (arc.t[-1] - arc.t[0])
-            t, h = (
-                begin + lengths[k] * casadi.DM(shares[:-1]).T,
-                lengths[k] * casadi.DM(np.diff(shares)).T,
-            )
-            end, running = mapped(self.flows[k], [z[k][:, :-1], t, h, p])
-            blocks.append(casadi.vec(end - z[k][:, 1:]))
-            cost += casadi.sum2(running)
-            if k:
-                blocks.append(z[k][:nx, 0] - z[k - 1][:nx, -1])
-            blocks.append(self.held[k])
-            begin = begin + lengths[k]
-        mayer = mayer_function(problem)
-        equations = casadi.vertcat(*blocks, *(row.expression for row in self.ends))
-        at_ends = [row.sign for row in self.ends]
-        signs = np.concatenate([np.zeros(equations.numel() - len(at_ends)), at_ends])
-        return cost + mayer(z[-1][:nx, -1], z[0][:nx, 0], p, t0, begin), equations, signs
+            variables = at + np.arange(rows * count).reshape(count, rows)
+            equations = row + np.arange(rows * (count - 1)).reshape(count - 1, rows)
+            found.append(Block(variables, equations, shares))
+            row += equations.size + (nx if k else 0) + self.held[k].numel()
+            at += variables.size
+        return found
+
+    @cached_property
+    def signs(self) -> np.ndarray:
+        """Signs of the equations (m,), not 0 for active inequalities: sign times multiplier must
+        not be negative there.
+        """
+        count = self.others.size + sum(each.equations.size for each in self.blocks)
+        found = np.zeros(count)
+        if self.ends:
+            found[-len(self.ends) :] = [row.sign for row in self.ends]
+        return found
+
+    @cached_property
+    def others(self) -> np.ndarray:
+        """Places of the equations that are none of the motion: where phases meet, begin and end,
+        and at the ends of the horizon.
+        """
+        nx, found, row = self.phased.of.x.numel(), [], 0
+        for k, block in enumerate(self.blocks):
+            row += block.equations.size
+            more = (nx if k else 0) + self.held[k].numel()
+            found.append(row + np.arange(more))
+            row += more
+        return np.concatenate([*found, row + np.arange(len(self.ends))]).astype(int)
+
+    @cached_property
+    def joined(self) -> tuple[casadi.Function, casadi.Function]:
+        """Functions of what is none of the motion: w -> equations, Mayer term and their slopes, and
+        (w, multipliers) -> the Hessian of both.
+        """
+        nx, (t0, lengths, p, z) = self.phased.of.x.numel(), self.parts
+        rows: list[Expr] = []
+        for k, held in enumerate(self.held):
+            rows += [z[k][:nx, 0] - z[k - 1][:nx, -1]] if k else []
+            rows.append(held)
+        equations = casadi.vertcat(*rows, *(row.expression for row in self.ends))
+        ends = [z[-1][:nx, -1], z[0][:nx, 0], p, t0, t0 + casadi.sum1(lengths)]
+        cost, by = mayer_function(self.phased.of)(*ends), casadi.MX.sym("l", self.others.size)
+        slopes = [casadi.jacobian(equations, self.w), casadi.gradient(cost, self.w)]
+        hessian = casadi.hessian(cost + casadi.dot(by, equations), self.w)[0]
+        return (
+            casadi.Function("joined", [self.w], [equations, cost, *slopes]),
+            casadi.Function("bent", [self.w, by], [hessian]),
+        )
 
     @cached_property
     def held(self) -> list[Expr]:
@@ -161,18 +207,14 @@ class Shooting:
         """Places of the variables that follow from the others, and of the equations that say so:
         the states where intervals end, and where phases meet.
         """
-        nx, row = self.phased.of.x.numel(), 0
-        at = 1 + len(self.pairs) + self.phased.of.p.numel()
+        nx = self.phased.of.x.numel()
         variables: list[int] = []
         equations: list[int] = []
-        for k, (phase, arc) in enumerate(self.pairs):
-            rows, count = nx + phase.carried.numel(), arc.mesh.size
-            joined = range(at, at + nx) if k else range(0)
-            variables += [*joined, *range(at + rows, at + rows * count)]
-            defects = rows * (count - 1)
-            equations += range(row, row + defects + len(joined))
-            row += defects + len(joined) + self.held[k].numel()
-            at += rows * count
+        for k, block in enumerate(self.blocks):
+            after = block.equations.size + block.equations[0, 0]
+            joined = nx if k else 0
+            variables += [*block.variables[0, :joined], *block.variables[1:].ravel()]
+            equations += [*block.equations.ravel(), *range(after, after + joined)]
         return np.array(variables, dtype=int), np.array(equations, dtype=int)
 
     @cached_property
@@ -247,19 +289,6 @@ class Shooting:
         return replace(arc, t=t, x=found[:nx], u=u.full(), costate=costate)
 
 
-def flow(problem: Problem, phase: Phase, steps: int) -> casadi.Function:
-    """Return the motion along a phase's law as a function (z, t, h, p) -> (z, running cost) after a
-    time h.
-    """
-    step = _step(phase, problem)
-    sizes = step.size1_in(0) - 2, 1, 1, step.size1_in(2)
-    Z, T, H, P = (casadi.MX.sym(name, size) for name, size in zip("zthp", sizes, strict=True))
-    last = step.mapaccum(steps)(
-        casadi.vertcat(Z, 0, T), casadi.repmat(H / steps, 1, steps), casadi.repmat(P, 1, steps)
-    )
-    return casadi.Function("flow", [Z, T, H, P], [last[:-2, -1], last[-2, -1]])
-
-
 def interval_ends(phased: PhasedProblem, start: Solution, steps: int) -> list[np.ndarray]:
     """Return, a phase at a time, states, what is carried and running cost (nz + 1, k) in which its
     intervals end.
@@ -269,7 +298,7 @@ def interval_ends(phased: PhasedProblem, start: Solution, steps: int) -> list[np
         t, count = arc.t[arc.mesh], arc.mesh.size - 1
         y = np.vstack([arc.x, arc.costate[: phase.carried.numel()]])[:, arc.mesh[:-1]]
         y = casadi.DM(np.vstack([y, np.zeros(count), t[:-1]]))
-        step = _step(phase, phased.of).map(count)
+        step = motion_of(phased.of, phase).step.map(count)
         given = (
             casadi.DM(np.diff(t)[None, :] / steps),
             casadi.DM(np.repeat(p[:, None], count, axis=1)),
@@ -278,30 +307,6 @@ def interval_ends(phased: PhasedProblem, start: Solution, steps: int) -> list[np
             y = step(y, *given)
         found.append(y.full()[:-1])
     return found
-
-
-def _step(phase: Phase, problem: Problem) -> casadi.Function:
-    """Return one step (y, h, p) -> y of the states, what is carried, the running cost and the time;
-    built once for all arcs of its modes between two knots: modes determine laws, entries do not
-    change the motion.
-    """
-    known, arc = cached(problem, _step), (phase.modes, phase.when)
-    if arc not in known:
-        known[arc] = _built(phase, problem)
-    return known[arc]
-
-
-def _built(phase: Phase, problem: Problem) -> casadi.Function:
-    rate, running = phase.flow(problem)
-    given = [casadi.vertcat(problem.x, phase.carried), time, problem.p]
-    motion = casadi.Function("f", given, [casadi.vertcat(rate, phase.carried_rate, running, 1.0)])
-    y, h = casadi.SX.sym("y", motion.size1_out(0)), casadi.SX.sym("h")
-    slopes: list[Any] = []
-    for row in DOP853.A:
-        at = y + h * sum((a * k for a, k in zip(row, slopes, strict=False) if a), casadi.SX(0))
-        slopes.append(motion(at[:-2], at[-1], problem.p))
-    end = y + h * sum((b * k for b, k in zip(DOP853.B, slopes, strict=True) if b), casadi.SX(0))
-    return casadi.Function("step", [y, h, problem.p], [end])
 
 
 def _rows(

@@ -13,9 +13,9 @@ from .minimum.order import with_second_order as with_second_order
 from .newton import Conditions as Conditions
 from .newton import settled as settled
 from .reintegration import verify as verify
-from .sensitivity import Sensitivity as Sensitivity
 from .sensitivity import data_names as data_names
 from .sensitivity import derivatives as derivatives
+from .sensitivity import sensitivity_view as sensitivity_view
 from .structure import constraint_values as constraint_values
 from .structure import misfit as misfit
 from .structure import structure_of as structure_of

@@ -67,7 +67,7 @@ def accuracy(problem: Problem, solution: Solution, points: int = 10) -> Accuracy
     for near in (ACTIVE, None):
         shooting = Shooting(known[0], known[1], steps, *([] if near is None else [near]))
         conditions = Conditions(shooting)
-        held, signs = conditions.multipliers(shooting.start), shooting.laid[2]
+        held, signs = conditions.multipliers(shooting.start), shooting.signs
         if (signs * held >= -_SIGN * np.abs(held).max(initial=0.0)).all():
             return _measured(conditions, held, known[2])
     return None  # a limit would rather be left: the word's conditions are others

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Self, final
 
-import casadi
 import numpy as np
 
-from socp.model import TINY, scales
-from socp.transcription import Shooting
+from socp.model import TINY, cached, scales
+from socp.transcription import Linearised, Shooting
 
 _RUIZ = 5  # rounds of scaling: each halves the decades between rows
 _SOLVED = 1e-8  # what a linear system may leave of its right side; more is left by a singular one
@@ -39,30 +38,15 @@ class Conditions:
 
     shooting: Shooting
 
-    @cached_property
-    def first(self) -> casadi.Function:
-        """(w, multipliers) -> slope of the Lagrangian, equations, cost."""
-        cost, equations, _ = self.shooting.laid
-        gradient = casadi.gradient(cost + casadi.dot(self._held, equations), self.shooting.w)
-        return casadi.Function("first", [self.shooting.w, self._held], [gradient, equations, cost])
-
-    @cached_property
-    def _held(self) -> casadi.MX:
-        return casadi.MX.sym("l", self.shooting.laid[2].size)
-
-    @cached_property
-    def _second(self) -> casadi.Function:
-        cost, equations, _ = self.shooting.laid
-        hessian = casadi.hessian(cost + casadi.dot(self._held, equations), self.shooting.w)[0]
-        return casadi.Function("second", [self.shooting.w, self._held], [hessian])
-
-    @cached_property
-    def _slopes(self) -> casadi.Function:
-        cost, equations, _ = self.shooting.laid
-        w = self.shooting.w
-        return casadi.Function(
-            "slopes", [w], [casadi.jacobian(equations, w), casadi.gradient(cost, w)]
-        )
+    def linearised(self, at: np.ndarray) -> Linearised:
+        """Return equations and cost with their slopes at variables (n,): worked out once for as
+        long as they stay.
+        """
+        known, key = cached(self, Conditions.linearised), (at.tobytes(),)
+        if key not in known:
+            known.clear()
+            known[key] = Linearised.of(self.shooting, at)
+        return known[key]
 
     @cached_property
     def size(self) -> np.ndarray:
@@ -82,8 +66,9 @@ class Conditions:
 
     def multipliers(self, at: np.ndarray) -> np.ndarray:
         """Return the multipliers (m,) that fit best at variables (n,)."""
-        C, g = (each.full() for each in self._slopes(at))
-        held: np.ndarray = np.linalg.lstsq((C * self.size).T, -g.ravel() * self.size, rcond=None)[0]
+        here = self.linearised(at)
+        slopes, gradient = here.slopes * self.size, here.gradient * self.size
+        held: np.ndarray = np.linalg.lstsq(slopes.T, -gradient, rcond=None)[0]
         return held
 
     def system(self, at: np.ndarray, held: np.ndarray) -> "System":
@@ -97,12 +82,13 @@ class Conditions:
 
     def derivatives(self, at: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the slopes of the equations (m, n) and the Hessian (n, n) of the Lagrangian."""
-        return self._slopes(at)[0].full(), self._second(at, held).full()
+        here = self.linearised(at)
+        return here.slopes, here.hessian(held)
 
     def values(self, at: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Return slope of the Lagrangian (n,), equations (m,) and cost."""
-        slope, equations, cost = self.first(at, held)
-        return slope.full().ravel(), equations.full().ravel(), float(cost)
+        here = self.linearised(at)
+        return here.gradient + held @ here.slopes, here.equations, here.cost
 
 
 @final
@@ -212,7 +198,7 @@ def settled(conditions: Conditions) -> Settled | None:
     """Solve the first-order conditions; None where Newton does not settle nearby, or a limit would
     rather be left.
     """
-    start, signs, size = conditions.shooting.start, conditions.shooting.laid[2], conditions.size
+    start, signs, size = conditions.shooting.start, conditions.shooting.signs, conditions.size
     at, held = start, conditions.multipliers(start)
     for _ in range(_NEWTON):
         system = conditions.system(at, held)

@@ -7,7 +7,7 @@ word is asked.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
 
@@ -15,7 +15,7 @@ import casadi
 import numpy as np
 
 from socp.errors import MethodError, SolveError
-from socp.model import Problem, Solution
+from socp.model import Problem, Sensitivities, Sensitivity, Solution
 from socp.process import one_thread
 from socp.transcription import PhasedProblem, Shooting
 from socp.verdict.accuracy import steps_of, word_problem
@@ -30,31 +30,15 @@ _STEP = 1e-3
 _WEIGHTS: Mapping[int, float] = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
 
 
-@final
-@dataclass(frozen=True, kw_only=True)
-class Sensitivity:
-    """Derivatives of an extremal with respect to one datum, `to`, in the problem's units.
-
-    - objective; initial_time; junctions (arcs - 1,), the times between the arcs; final_time;
-    - parameters by name;
-    - states: (nx,) at every time that was asked for.
-    """
-
-    to: str
-    objective: float
-    initial_time: float
-    junctions: tuple[float, ...]
-    final_time: float
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    states: Mapping[float, tuple[float, ...]] = field(default_factory=dict)
-
-
 @one_thread()
 def derivatives(
-    problem: Problem, solution: Solution, to: Sequence[str], at: Sequence[float] = ()
-) -> list[Sensitivity]:
-    """Return the derivatives of a certified solution with respect to data `to`, one each, with
-    those of the states at times `at`.
+    problem: Problem,
+    solution: Solution,
+    to: Sequence[str] = (),
+    at: Sequence[float] = (),
+) -> Sensitivities:
+    """Return the derivatives of a certified solution with respect to data `to`, all that there are
+    where none is named, with those of the states at times `at`.
 
     Data are the values that hold at the ends, `start.x`, `end.x`, `initial_time`, `final_time`,
     parameters with equal bounds, levels of end conditions, `target.NAME`, and finite bounds of
@@ -63,7 +47,21 @@ def derivatives(
     """
     with np.errstate(all="ignore"):
         system = _system(problem, solution)
-        return [_derived(system, name, at) for name in to]
+        found = tuple(_derived(system, name, at) for name in to or data_names(problem))
+    return Sensitivities(
+        problem=problem.name,
+        word=solution.word,
+        junctions=tuple(solution.junctions.tolist()),
+        states=problem.state_names,
+        derivatives=found,
+    )
+
+
+def sensitivity_view(
+    solution: Solution, problem: Problem, to: Sequence[str] = (), at: Sequence[float] = ()
+) -> Sensitivities:
+    """Return the derivatives of a solution as its method `sensitivity` does."""
+    return derivatives(problem, solution, to, at)
 
 
 def data_names(problem: Problem) -> list[str]:
@@ -209,7 +207,7 @@ def _bound(system: _System, symbol: str, end: str) -> _Change:
         if known is None or known[2] != system.pieces:
             raise SolveError(f"no derivative by {symbol}.{end}: kinks move with it")
         there = Shooting(known[0], shooting.solution, shooting.steps)
-        if there.laid[2].size != held.size:
+        if there.signs.size != held.size:
             raise SolveError(f"no derivative by {symbol}.{end}: it is met at an end of the horizon")
         values = Conditions(there).values(at, held)
         slope += weight / step * values[0]

@@ -1,6 +1,7 @@
 from .errors import signed_error as signed_error
 from .errors import small as small
 from .exports import WRITERS as WRITERS
+from .exports import derivatives_to_xarray as derivatives_to_xarray
 from .exports import to_xarray as to_xarray
 from .figures.draw import DEFAULT as DEFAULT
 from .figures.draw import ENDINGS as ENDINGS

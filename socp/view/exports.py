@@ -17,7 +17,7 @@ from socp import errors
 from socp.view.traces import traces
 
 if TYPE_CHECKING:
-    from socp.model import Problem, Solution
+    from socp.model import Problem, Sensitivities, Solution
 
 
 def unit(problem: "Problem | None", name: str) -> str:
@@ -71,6 +71,38 @@ def to_xarray(solution: "Solution", problem: "Problem | None" = None) -> Any:
     coordinates["time"] = ("node", solution.t, {"units": time} if time else {})
     coordinates["arc"] = ("node", _arcs(solution))
     return xarray.Dataset(values, coordinates, attributes(solution))
+
+
+def derivatives_to_xarray(found: "Sensitivities") -> Any:
+    """Return derivatives as an xarray.Dataset: `objective`, `initial_time` and `final_time`
+    (datum), `junctions` (datum, junction), `parameters` (datum, parameter) and `states` (datum,
+    time, state).
+
+    The coordinate of a junction is its time; each value is per unit of its datum.
+
+    Raises MethodError where xarray is not installed.
+    """
+    xarray = errors.load("xarray", "export", "an xarray Dataset")
+    first, rows = found[0], tuple(found)
+    values: dict[str, Any] = {
+        name: ("datum", [getattr(each, name) for each in rows])
+        for name in ("objective", "initial_time", "final_time")
+    }
+    values["junctions"] = (("datum", "junction"), [each.junctions for each in rows])
+    parameters = [list(each.parameters.values()) for each in rows]
+    values["parameters"] = (("datum", "parameter"), parameters)
+    states = np.reshape(
+        [list(each.states.values()) for each in rows], (len(rows), -1, len(found.states))
+    )
+    values["states"] = (("datum", "time", "state"), states)
+    coordinates = {
+        "datum": [each.to for each in rows],
+        "junction": list(found.junctions),
+        "parameter": list(first.parameters),
+        "time": list(first.states),
+        "state": list(found.states),
+    }
+    return xarray.Dataset(values, coordinates, {"problem": found.problem, "word": found.word})
 
 
 def table(solution: "Solution", problem: "Problem | None" = None) -> dict[str, np.ndarray]:

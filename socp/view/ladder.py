@@ -4,7 +4,9 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # `socp --help` loads the report, and casadi is not worth it there
-    from socp.model import Curvature, Descent, SecondOrder, Verdict
+    from socp.model import Curvature, Descent, SecondOrder, Starts, Verdict
+
+_TOLD = 4  # coarse local solutions told, the best first
 
 
 def minimum_line(found: "SecondOrder") -> str:
@@ -60,3 +62,21 @@ def _descent(found: "Descent") -> str:
         f"changing its {what} by {by} changes the objective by {found.found:.3g}, simulated "
         f"({found.predicted:.3g} by the second order)"
     )
+
+
+def starts_lines(found: "Starts | None") -> list[str]:
+    """Return from how many starts a solution is the best, and what else was met."""
+    if found is None:
+        return []
+    count, ended = len(found.coarse), sum(each.starts for each in found.coarse)
+    met = ", ".join(f"{each.objective:.6g} ({each.starts})" for each in found.coarse[:_TOLD])
+    more = f" and {count - _TOLD} more" if count > _TOLD else ""
+    which = "a local solution" if count == 1 else f"{count} local solutions"
+    share = f"{ended} of them" if ended < found.tried else "all" if ended > 1 else "it"
+    told = f"; {share} ended in {which}, on a coarse grid at {met}{more}" if count else ""
+    others = [
+        f"another extremal was certified at {each.objective:.12g}: {each.word}"
+        for each in found.extremals
+    ]
+    starts = "1 start" if found.tried == 1 else f"{found.tried} starts"
+    return [f"best of {starts}{told}", *(others or ["no other extremal was certified"])]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, final
 from socp.errors import MethodError
 from socp.model import APPROXIMATE, EXTREMAL, FEASIBLE
 from socp.view.errors import signed_error, small, switch_error
-from socp.view.ladder import minimum_line, order_lines, rung_texts
+from socp.view.ladder import minimum_line, order_lines, rung_texts, starts_lines
 from socp.view.outcomes import Outcome, infeasible, outcome_of
 
 if TYPE_CHECKING:  # `socp --help` loads this module, and casadi is not worth it there
@@ -70,6 +70,7 @@ def solution_rows(
         rows.append(Row("verdict", tuple(_judged(solution.verdict, _TOLD))))
     if problem is not None and not infeasible(solution):
         rows.append(_row("reference", _reference(to_reference(problem, solution))))
+    rows.append(_row("starts", starts_lines(solution.starts)))
     rows.append(_row("iterations", [str(solution.iterations)]))
     parts = " + ".join(f"{name} {value:.2f}" for name, value in solution.seconds.items())
     rows.append(_row("seconds", [f"{sum(solution.seconds.values()):.2f} ({parts})"]))

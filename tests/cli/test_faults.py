@@ -30,6 +30,7 @@ from socp.cli import main
 from socp.cli.keeping import keep
 from socp.cli.locking import locked
 from socp.errors import ContractError
+from socp.methods import Scouted
 from socp.model.data.files import load, save, to_json
 from socp.model.solution import Stop
 from socp.process import interruption
@@ -243,9 +244,9 @@ def test_an_interruption_that_is_lost_on_its_way_ends_the_next_solve(
     def dropping(*_: Any) -> Any:
         with contextlib.suppress(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
-        return ()
+        return Scouted((), 0)
 
-    monkeypatch.setattr("socp_plugins.auto.scouts", dropping)
+    monkeypatch.setattr("socp_plugins.auto.scouted", dropping)
     said = command("solve", "cart.py")
     assert (said.code, said.err.strip()) == (130, "interrupted; nothing was written")
 

@@ -30,6 +30,7 @@ from socp.registry.standard import STANDARD, minimum_time, speed_limit
 from socp.search.digits import agrees, apart, with_agreement
 from socp.search.reading import read, with_hidden_bangs
 from socp.transcription.kinks import kinks
+from socp.transcription.linearised import Linearised
 from socp.transcription.phases import follow, single_phase
 from socp.transcription.schemes import radau_iia
 from socp.transcription.shooting import Shooting, interval_ends
@@ -252,8 +253,7 @@ def test_shooting_reproduces_the_collocated_motion() -> None:
     solution = along(problem, "u: + b -", [1.0, 1.0, 1.0])
     word = Word.parse("u: + b -", problem.control_names)
     shooting = Shooting(follow(problem, word), solution, 2)
-    _, equations, _ = shooting.laid
-    left = casadi.Function("e", [shooting.w], [equations])(shooting.start).full()
+    left = Linearised.of(shooting, shooting.start).equations
     assert np.abs(left).max() < 1e-12
     again = shooting.lifted(shooting.start, solution.objective)
     assert np.abs(again.rows("x") - solution.rows("x")).max() < 1e-12

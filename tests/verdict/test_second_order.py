@@ -1,78 +1,32 @@
 """Minima and maxima of a word told apart, and what is claimed of either."""
 
-from dataclasses import replace
-from math import cos, exp, pi, sin
+from math import cos, pi, sin
 
 import casadi
 import numpy as np
 import pytest
+from saddles import HORIZON, held, saddle, slope
 from scipy.optimize import brentq
 
 from socp import (
-    Ipopt,
     Problem,
     Solution,
     Word,
     controls,
     default_guess,
     final_time,
-    follow,
     initial,
     judge,
-    solve_collocated,
     states,
-    uniform,
 )
 from socp.methods.guess import split
 from socp.methods.solving import Follower
 from socp.model.data.files import from_json, to_json
 from socp.model.ladder.second_order import Minimum, SecondOrder
 from socp.registry.standard import regulator
-from socp.transcription.schemes import lgr
 from socp.verdict.minimum.induced import Pair, induced
 from socp.verdict.minimum.order import second_order, with_second_order
 from socp.view.outcomes import Outcome, outcome_of
-
-HORIZON = 3.0
-
-
-def saddle(k: float, a: float = 0.0, tilt: float = 0.0) -> Problem:
-    """Minimise -y(3) - k/2 x(3)^2 + tilt x(3) with y' = x, x' = u + a x from rest."""
-    y, x = states("y x")
-    u = controls("u")
-    return Problem(
-        name="saddle",
-        minimise=-y - k / 2 * x**2 + tilt * x,
-        dynamics={y: x, x: u + a * x},
-        bounds={u: (-1, 1)},
-        start={y: 0, x: 0},
-        final_time=HORIZON,
-    )
-
-
-def slope(s: float, k: float, a: float) -> float:
-    """Return dJ/ds of the word `+ -` with its switch at s, for a != 0.
-
-    x(3) = (2 e^(a r) - e^(3 a) - 1) / -a with r = 3 - s, and dx/ds = 2 e^(a (t - s)) after the
-    switch, so that dy(3)/ds = 2 (e^(a r) - 1) / a.
-    """
-    r = HORIZON - s
-    x = (exp(a * HORIZON) - 2 * exp(a * r) + 1) / a
-    return -2 * (exp(a * r) - 1) / a - k * x * 2 * exp(a * r)
-
-
-def held(problem: Problem, text: str, lengths: list[float]) -> Solution:
-    """Return a word with all arcs but the last held at given lengths, judged."""
-    word = Word.parse(text, problem.control_names)
-    phased = follow(problem, word)
-    phases = tuple(
-        replace(phase, length=(length, length))
-        for phase, length in zip(phased.phases, lengths, strict=False)
-    )
-    phased = replace(phased, phases=(*phases[:-1], phased.phases[-1]))
-    guess = split(default_guess(problem), lengths)
-    meshes = [uniform(lgr(10), 2)] * len(lengths)
-    return judge(problem, solve_collocated(phased, meshes, Ipopt({"tol": 1e-11}), guess))
 
 
 def along(

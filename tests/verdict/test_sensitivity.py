@@ -23,7 +23,8 @@ from socp import (
 from socp.methods.guess import split
 from socp.methods.polish import polished
 from socp.methods.solving import Follower
-from socp.verdict.sensitivity import Sensitivity, data_names, derivatives
+from socp.model.ladder.sensitivity import Sensitivity
+from socp.verdict.sensitivity import data_names, derivatives
 
 
 def solved(problem: Problem, text: str, lengths: list[float] | None = None) -> Solution:
@@ -64,6 +65,26 @@ def test_a_bang_bang_extremal_in_closed_form() -> None:
     assert by_v.objective == pytest.approx(1 - 1 / r, rel=1e-10)
     assert by_v.junctions == pytest.approx([1 - 0.5 / r], rel=1e-10)
     assert by_v.states[0.1] == pytest.approx([0.1, 1], abs=1e-12)
+
+
+def test_derivatives_as_a_method_and_as_a_dataset() -> None:
+    """The same extremal: 1 / r, 1 - 1 / r for objective and final time, half of it, and 1 less
+    that, for the switch.
+    """
+    problem, r = double_integrator(), sqrt(1.5)
+    solution = solved(problem, "u: - +", [0.3, 1.2])
+    found = solution.sensitivity(problem, ["start.x", "start.v"], at=[0.1, 0.2])
+    shown = found.to_xarray()
+    assert shown.objective.sel(datum="start.x") == pytest.approx(1 / r, rel=1e-10)
+    assert shown.final_time.sel(datum="start.v") == pytest.approx(1 - 1 / r, rel=1e-10)
+    assert shown.junctions.sel(datum="start.v").values == pytest.approx([1 - 0.5 / r], rel=1e-10)
+    assert shown.states.sel(datum="start.v", time=0.2, state="x") == pytest.approx(0.2, abs=1e-12)
+    assert shown.junction.values == pytest.approx(solution.junctions)
+    assert (shown.attrs["problem"], shown.attrs["word"]) == ("double_integrator", "u: - +")
+    assert found.data["derivatives"][0]["objective"] == found[0].objective
+    every = solution.sensitivity(problem)
+    assert [each.to for each in every] == data_names(problem)
+    assert every.to_xarray().states.shape == (len(every), 0, 2)
 
 
 def test_a_boundary_arc_in_closed_form() -> None:

@@ -16,7 +16,7 @@ from socp.cli.consoles import console
 from socp.cli.outcome import code, outcome
 from socp.cli.session import Exit
 from socp.cli.show import facts, report
-from socp.model import Agreement, Grade, Stop, Verdict
+from socp.model import Agreement, Grade, Met, Starts, Stop, Verdict, from_json, to_json
 from socp.registry import Registry
 from socp.view import Outcome, outcome_of, solution_rows, verdict_rows
 from socp.view.recording.summary import summary
@@ -305,3 +305,26 @@ def test_a_unit_is_found_by_name(given: object, problem: Problem) -> None:
     assert posed.labelled(first.name()) == f"{first.name()} (m)"
     assert {posed.unit(name) for name in ("time", "t", "tf")} == {"s"}
     assert (posed.unit("u"), posed.labelled("u")) == ("", "u")
+
+
+def test_a_report_says_from_how_many_starts_it_is_the_best(
+    problem: Problem, exact: Solution
+) -> None:
+    coarse = tuple(Met(objective=0.25 * k, starts=7 - k) for k in range(1, 6))
+    other = Met(objective=0.5, word="u: + s")
+    several = Starts(tried=21, coarse=coarse, extremals=(other,))
+    for render in RENDERED:
+        told = " ".join(render(problem, replace(exact, starts=several)).split())
+        assert "best of 21 starts; 20 of them ended in 5 local solutions" in told
+        assert "0.25 (6), 0.5 (5), 0.75 (4), 1 (3) and 1 more" in told
+        assert "another extremal was certified at 0.5: u: + s" in told
+    single = Starts(tried=1, coarse=(Met(objective=0.375),))
+    (row,) = (
+        r for r in solution_rows(problem, replace(exact, starts=single)) if r.label == "starts"
+    )
+    assert row.texts == [
+        "best of 1 start; it ended in a local solution, on a coarse grid at 0.375 (1)",
+        "no other extremal was certified",
+    ]
+    assert not any(row.label == "starts" for row in solution_rows(problem, exact))
+    assert from_json(to_json(replace(exact, starts=several))).starts == several

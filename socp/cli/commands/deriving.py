@@ -1,7 +1,6 @@
 """`socp sensitivity`: how a saved extremal moves with its data."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
@@ -13,8 +12,7 @@ from socp.cli.session import Exit, Session, heading, show, write_json
 from socp.errors import ProblemError
 
 if TYPE_CHECKING:
-    from socp.model import Problem, Solution
-    from socp.verdict import Sensitivity
+    from socp.model import Problem, Sensitivities, Solution
 
 
 @click.command()
@@ -56,29 +54,21 @@ def sensitivity(
     `target.NAME`. The derivatives are those along the word of the result. Exit code 1 where there
     are none; the message says why.
     """
-    from socp.verdict import data_names, derivatives, judge
+    from socp.verdict import derivatives, judge
 
     solution, found = open_result(session, result, problem)
     if found is None:
         raise ProblemError(f"{result}: {problem_missing(solution)}")
     solution = judge(found, solution)
-    derived = derivatives(found, solution, names or data_names(found), times)
+    derived = derivatives(found, solution, names, times)
     if as_json:
-        write_json(
-            {
-                "problem": found.name,
-                "word": solution.word,
-                "junctions": solution.junctions.tolist(),
-                "states": found.state_names,
-                "derivatives": [asdict(each) for each in derived],
-            }
-        )
+        write_json(derived.data)
     else:
         show(heading(found.name, found.title), _table(found, solution, derived))
     return Exit.SOLVED
 
 
-def _table(problem: "Problem", solution: "Solution", derived: "Sequence[Sensitivity]") -> Table:
+def _table(problem: "Problem", solution: "Solution", derived: "Sensitivities") -> Table:
     """Return the derivatives, a quantity a row and a datum a column."""
     table = Table(header_style="bold", box=None)
     table.add_column("derivative of", no_wrap=True)
@@ -91,7 +81,7 @@ def _table(problem: "Problem", solution: "Solution", derived: "Sequence[Sensitiv
         rows.append((f"switch at {t:.6g}", [each.junctions[k] for each in derived]))
     rows.append(("final time", [each.final_time for each in derived]))
     rows += [(name, [e.parameters[name] for e in derived]) for name in problem.parameter_names]
-    for t in derived[0].states if derived else ():
+    for t in derived[0].states if len(derived) else ():
         for i, name in enumerate(problem.state_names):
             rows.append((f"{name} at {t:g}", [each.states[t][i] for each in derived]))
     for label, values in rows:

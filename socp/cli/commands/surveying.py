@@ -1,7 +1,7 @@
 """`socp census` and `socp frontier`: many solves of one problem, one table."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -130,6 +130,8 @@ def _say(session: Session, place: Place | None) -> None:
 
 
 def _facts(problem: "Problem", found: "Census") -> dict[str, Any]:
+    from socp.study import unseen
+
     return {
         "problem": problem.name,
         "title": problem.title,
@@ -143,6 +145,7 @@ def _facts(problem: "Problem", found: "Census") -> dict[str, Any]:
         ],
         "died": found.died,
         "interrupted": found.interrupted,
+        "unseen": None if (left := unseen(found)) is None else asdict(left),
     }
 
 
@@ -183,7 +186,29 @@ def _tables(found: "Census") -> list[Table | Text]:
         (len(found.died), "lost with their worker process"),
     ):
         sentence += f", {number} {what}" if number else ""
-    return [*parts, Text(sentence)]
+    return [*parts, Text(sentence), *map(Text, _of_unseen(found))]
+
+
+def _of_unseen(found: "Census") -> list[str]:
+    """Return what is to be expected of extremals that no start has met, a sentence an entry."""
+    from socp.study import unseen
+
+    left = unseen(found)
+    if left is None:
+        return []
+    own = ", starts that end in none counted as one more" if left.nowhere else ""
+    told = (
+        "too few starts to say how many extremals are unseen"
+        if left.expected is None
+        else f"expected unseen: {left.expected:.2g} extremals{own}, with {left.share:.2g} of all "
+        f"starts; there is none with a probability of {left.complete:.2g}"
+    )
+    sure = (
+        f"an extremal in which more than {left.missed:.1%} of the starts of this generator end "
+        "would have been missed with a probability below 5 %; one that it does not lead to is "
+        "missed by any number of starts"
+    )
+    return [told, sure]
 
 
 def _framed(title: str, columns: Sequence[tuple[str, bool]]) -> Table:

@@ -27,6 +27,7 @@ from socp.model.findings import (
 )
 from socp.model.ladder.grade import Grade
 from socp.model.ladder.second_order import Curvature, Descent, Minimum, SecondOrder
+from socp.model.ladder.starts import Met, Starts
 from socp.model.solution import Solution, Stop
 from socp.model.word import Mode
 from socp.process import read_text, write_atomic
@@ -83,11 +84,19 @@ def from_json(text: str) -> Solution:
         "stop": stop,
         "nodes": tuple(Node(**each) for each in values["nodes"]),
         "agreement": values["agreement"] and Agreement(**values["agreement"]),
+        "starts": values["starts"] and _starts(values["starts"]),
         "verified": tuple(Feasibility(**each) for each in values["verified"]),
         "verdict": values["verdict"] and _verdict(values["verdict"], places),
     }
     known = {f.name: values[f.name] for f in fields(Solution)}
     return Solution(**{**known, **records})
+
+
+def _starts(values: Mapping[str, Any]) -> Starts:
+    coarse, extremals = (
+        tuple(Met(**each) for each in values[name]) for name in ("coarse", "extremals")
+    )
+    return Starts(tried=values["tried"], coarse=coarse, extremals=extremals)
 
 
 def _stop(name: str) -> Stop:

@@ -142,6 +142,22 @@ class Agreement(Record):
     switches: Number
 
 
+class Met(Record):
+    """A local solution met beside the one returned."""
+
+    objective: Number
+    word: str
+    starts: int
+
+
+class Starts(Record):
+    """From how many starts a solution is the best."""
+
+    tried: int
+    coarse: list[Met]
+    extremals: list[Met]
+
+
 class Result(Record):
     """A result file."""
 
@@ -169,5 +185,6 @@ class Result(Record):
     nodes: list[Node]
     meshes: Matrix
     agreement: Agreement | None
+    starts: Starts | None = None  # older files have none
     statement: dict[str, Any] | None = None
     unstated: str = ""

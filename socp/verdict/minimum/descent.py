@@ -60,12 +60,12 @@ def _moved(problem: Problem, solution: Solution, pair: Pair, change: np.ndarray)
     as predicted.
     """
     shooting, size = pair.fine.conditions.shooting, pair.fine.conditions.size
-    at = _corrected(pair, pair.fine.at + size * (pair.fine.lift @ change))
+    at = corrected(pair, pair.fine.at + size * (pair.fine.lift @ change))
     if at is None:
         return None
     q = ((at - pair.fine.at) / size)[pair.fine.outer]
     predicted = float(0.5 * q @ pair.fine.hessian @ q)
-    cost = pair.fine.conditions.values(at, np.zeros_like(pair.fine.held))[2]
+    cost = pair.fine.conditions.linearised(at).cost
     other = rejoin(shooting.lifted(at, cost), pair.pieces)
     other = replace(other, verified=(), verdict=None, agreement=None, nodes=(), meshes=())
     other = replace(other, verified=verify(problem, other))
@@ -92,14 +92,16 @@ def _moved(problem: Problem, solution: Solution, pair: Pair, change: np.ndarray)
     )
 
 
-def _corrected(pair: Pair, at: np.ndarray) -> np.ndarray | None:
+def corrected(pair: Pair, at: np.ndarray) -> np.ndarray | None:
     """Return the nearest variables (n,) that meet the conditions, None where Newton finds none."""
-    conditions, none = pair.fine.conditions, np.zeros_like(pair.fine.held)
+    conditions = pair.fine.conditions
     lengths = slice(1, 1 + len(pair.phased.phases))
     for _ in range(_CORRECTIONS):
-        missed = conditions.values(at, none)[1]
-        slopes = conditions.derivatives(at, none)[0] * conditions.size
-        step: np.ndarray = np.linalg.lstsq(slopes, -missed, rcond=None)[0]
+        here = conditions.linearised(at)
+        slopes = here.slopes * conditions.size
+        if not (np.isfinite(slopes).all() and np.isfinite(here.equations).all()):
+            return None
+        step: np.ndarray = np.linalg.lstsq(slopes, -here.equations, rcond=None)[0]
         at = at + conditions.size * step
         if not np.isfinite(at).all() or (at[lengths] <= 0.0).any():
             return None

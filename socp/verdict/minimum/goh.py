@@ -144,10 +144,10 @@ class _Form:
             at += (count if place is not None else 0) + int(ends)
         return first, at
 
-    def at(self, k: int, t: np.ndarray, interval: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the coefficients of phase k at times t (n,), each in an interval of its mesh."""
+    def at(self, k: int, nodes: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the coefficients of phase k at nodes (s,) of every interval of its mesh."""
         p = parameters_of(self.problem, self.shooting.solution)
-        return self.quadratics[k].at(reference(self.known, k, t, interval), p)
+        return self.quadratics[k].at(reference(self.known, k, nodes), p)
 
     def unit(self, k: int) -> float:
         """Return what w of phase k is measured in."""
@@ -182,35 +182,36 @@ class _Form:
             if k + 1 < count and self.places[k] != self.places[k + 1]:
                 fixed.append(y[nx] / self.base[0])
             elif k + 1 < count and self.places[k] is not None:
-                fault = fault or self._torn(k, place)
+                fault = fault or (self._torn(k, place) if self.pieces == _PIECES[0] else "")
         return form, changed, np.reshape(fixed, (len(fixed), form.shape[0])), fault
 
     def _through(self, k: int, y: np.ndarray, form: np.ndarray) -> np.ndarray:
         """Carry changes y (ny, k) through a phase and add what it costs to the form."""
         nodes, weights, A = gauss(_NODES)
         arc, column, unit = self.shooting.pairs[k][1], self.columns[0][k], self.unit(k)
-        corners, interval = _corners(self.known, k, arc.mesh.size - 1, self.pieces)
-        horizon, steps = float(self.base[0]), np.diff(corners)
-        t = corners[:-1, None] + steps[:, None] * nodes
-        at = self.at(k, t.ravel(), np.repeat(interval, _NODES))
+        steps = np.diff(_corners(self.known, k, arc.mesh.size - 1, self.pieces))
+        inside = (np.arange(self.pieces)[:, None] + nodes) / self.pieces
+        at, horizon = self.at(k, inside.ravel()), float(self.base[0])
         for j, step in enumerate(steps):
             here = {name: e[j * _NODES : (j + 1) * _NODES] for name, e in at.items()}
-            w = np.zeros((_NODES, y.shape[1]))
+            measure, driven = step * weights, np.zeros((_NODES, *y.shape))
+            own = column + j * _NODES + np.arange(_NODES)
+            size = unit * np.sqrt(horizon / measure)
             if "B1" in here:
-                own = column + j * _NODES + np.arange(_NODES)
-                w[np.arange(_NODES), own] = unit * np.sqrt(horizon / (step * weights))
-            driven = here["B1"] * w[:, None, :] if "B1" in here else np.zeros((_NODES, *y.shape))
-            inside, y = _stages(here["A"], driven, y, (step, weights, A))
-            for i, weight in enumerate(step * weights):
-                form += weight * inside[i].T @ here["Q"][i] @ inside[i]
-                if "B1" in here:
-                    mixed = weight * np.outer(w[i], here["M"][i, 0] @ inside[i])
-                    form += mixed + mixed.T + weight * here["R"][i, 0, 0] * np.outer(w[i], w[i])
-        return self._ended(k, y, form, (corners[-1], int(interval[-1]))) if self.ends[k] else y
+                driven[np.arange(_NODES), :, own] = here["B1"][:, :, 0] * size[:, None]
+            xi, y = _stages(here["A"], driven, y, (step, weights, A))
+            bent = measure[:, None, None] * (here["Q"] @ xi)
+            form += xi.reshape(-1, y.shape[1]).T @ bent.reshape(-1, y.shape[1])
+            if "B1" in here:
+                mixed = (measure * size)[:, None] * (here["M"] @ xi)[:, 0]
+                form[own] += mixed
+                form[:, own] += mixed.T
+                form[own, own] += measure * size**2 * here["R"][:, 0, 0]
+        return self._ended(k, y, form) if self.ends[k] else y
 
-    def _ended(self, k: int, y: np.ndarray, form: np.ndarray, end: tuple[float, int]) -> np.ndarray:
+    def _ended(self, k: int, y: np.ndarray, form: np.ndarray) -> np.ndarray:
         """Add what the value h of w costs where it ends, and put it into the states."""
-        at = self.at(k, np.array([end[0]]), np.array([end[1]]))
+        at = {name: each[-1:] for name, each in self.at(k, np.ones(1)).items()}
         h = np.zeros(y.shape[1])
         h[[*self.columns[0][1:], self.columns[1]][k] - 1] = self.unit(k)
         mixed = np.outer(h, at["N"][0, 0] @ y)
@@ -219,13 +220,8 @@ class _Form:
 
     def _torn(self, k: int, place: int) -> str:
         """Return why w cannot go on where another control switches at the end of phase k."""
-        ends = [
-            self.at(index, np.array([t]), np.array([interval]))
-            for index, t, interval in (
-                (k, *_end(self.known, k)),
-                (k + 1, _end(self.known, k)[0], 0),
-            )
-        ]
+        after = {name: each[:1] for name, each in self.at(k + 1, np.zeros(1)).items()}
+        ends = {name: each[-1:] for name, each in self.at(k, np.ones(1)).items()}, after
         nx = self.problem.x.numel()
         for name in ("B", "N", "NB"):
             one, other = (each[name][0] for each in ends)
@@ -261,7 +257,7 @@ class _Form:
         others = np.setdiff1d(np.arange(len(slopes)), chain)
         others = others[~(slopes[np.ix_(others, self._carried)] != 0).any(axis=1)]
         form = form + changed.T @ _at_ends(self.known, tuple(others.tolist())) @ changed
-        others = others[(self.shooting.laid[2][others] == 0) | ~self._weak(others)]
+        others = others[(self.shooting.signs[others] == 0) | ~self._weak(others)]
         rows = np.vstack([slopes[others] @ changed, fixed])
         rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), TINY)
         idle = [h for h in self._values if not self._felt(h, form, rows)]
@@ -321,20 +317,13 @@ def _at_ends(known: Induced, others: tuple[int, ...]) -> np.ndarray:
     return found
 
 
-def _end(known: Induced, k: int) -> tuple[float, int]:
-    """Return the time at which phase k ends, and its last interval."""
-    arc = known.conditions.shooting.pairs[k][1]
-    return float(known.at[: 2 + k].sum()), arc.mesh.size - 2
-
-
-def _corners(known: Induced, k: int, count: int, pieces: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners (m + 1,) of the pieces of phase k in time, and the interval (m,) of
-    each.
-    """
+def _corners(known: Induced, k: int, count: int, pieces: int) -> np.ndarray:
+    """Return the corners (m + 1,) of the pieces of phase k in time."""
     arc = known.conditions.shooting.pairs[k][1]
     shares = (arc.t[arc.mesh] - arc.t[0]) / (arc.t[-1] - arc.t[0])
     places = np.interp(np.arange(count * pieces + 1) / pieces, np.arange(count + 1), shares)
-    return known.at[: 1 + k].sum() + known.at[1 + k] * places, np.arange(count * pieces) // pieces
+    corners: np.ndarray = known.at[: 1 + k].sum() + known.at[1 + k] * places
+    return corners
 
 
 def _stages(

@@ -63,7 +63,7 @@ class Induced:
         lift[outer, np.arange(outer.size)] = 1.0
         lift[inner] = -np.linalg.solve(C[np.ix_(chain, inner)], C[np.ix_(chain, outer)])
         others = np.setdiff1d(np.arange(len(C)), chain)
-        signs, held = shooting.laid[2][others], multipliers[others]
+        signs, held = shooting.signs[others], multipliers[others]
         weak = (signs != 0) & (np.abs(held) <= WEAK * np.abs(multipliers).max(initial=TINY))
         half = np.abs(lift)
         return cls(

@@ -37,39 +37,55 @@ class Reference:
     costate: np.ndarray
 
 
-def reference(known: Induced, k: int, t: np.ndarray, interval: np.ndarray) -> Reference:
-    """Return the extremal at times t (n,) of phase k, each in an interval of its mesh.
+def reference(known: Induced, k: int, nodes: np.ndarray) -> Reference:
+    """Return the extremal at nodes (s,), in order and between 0 and 1, of every interval of phase
+    k, one interval after the other.
 
     The costate is that of the induced problem: the multiplier of the interval's end, carried back
-    by the slopes of the motion.
+    by the slopes of the motion. Both go from node to node, with steps as long as those of the word.
     """
     shooting = known.conditions.shooting
     problem, nx = shooting.phased.of, shooting.phased.of.x.numel()
     (begins, z), p = _corners(known, k), parameters_of(problem, shooting.solution)
-    motion, adjoint, control = _functions(known, k)
-    since, left = (t - begins[interval])[None, :], (begins[interval + 1] - t)[None, :]
-    at, _ = _mapped(motion, [z[:, interval], begins[interval][None, :], since, p])
-    held = _multipliers(known, k)[:, interval]
-    (costate,) = _mapped(adjoint, [at, t[None, :], left, p, held])
-    (u,) = _mapped(control, [at[:nx], at[nx:], t[None, :], p])
-    return Reference(t, at[:nx], u, costate[:nx])
+    t = begins[:-1] + nodes[:, None] * np.diff(begins)
+    gaps = np.diff(np.vstack([begins[:-1], t, begins[1:]]), axis=0)
+    before = np.vstack([begins[:-1], t[:-1]])
+    steps = int(np.ceil(np.diff([0.0, *nodes, 1.0]).max() * shooting.steps))
+    motion, adjoint, control = _functions(known, k, steps, nodes.size)
+    held, count = np.repeat(p[:, None], t.size, axis=1), t.shape[1]
+    at = motion.map(count)(z[:, :-1], _in_time(before), _in_time(gaps[:-1]), held)[0].full()
+    back = at.reshape(len(z), count, -1)[:, :, ::-1].reshape(len(z), -1)
+    given = [_in_time(t[::-1]), _in_time(gaps[:0:-1]), held]
+    costates = adjoint.map(count)(_multipliers(known, k), back, *given).full()
+    costates = costates.reshape(len(z), count, -1)[:, :, ::-1].reshape(len(z), -1)
+    (u,) = _mapped(control, [at[:nx], at[nx:], _in_time(t), p])
+    return Reference(_in_time(t)[0], at[:nx], u, costates[:nx])
+
+
+def _in_time(values: np.ndarray) -> np.ndarray:
+    """Return values (s, m) at nodes of intervals as a row (1, m s), an interval after the other."""
+    return values.T.reshape(1, -1)
 
 
 @once
-def _functions(known: Induced, k: int) -> tuple[casadi.Function, casadi.Function, casadi.Function]:
-    """Return the motion of phase k, the costate before a time h from that after it, and the
+def _functions(
+    known: Induced, k: int, steps: int, count: int
+) -> tuple[casadi.Function, casadi.Function, casadi.Function]:
+    """Return the motion of phase k over so many times in a row, (z, t, h, p) -> z after each, the
+    costates before them from that after the last, (costate, z, t, h, p), backwards, and the
     control.
     """
     shooting = known.conditions.shooting
-    problem, phase, flow = shooting.phased.of, shooting.phased.phases[k], shooting.flows[k]
+    problem, phase = shooting.phased.of, shooting.phased.phases[k]
+    flow = shooting.motions[k].flow(steps)
     Z, T, H, P = flow.mx_in()
     after = casadi.MX.sym("after", Z.numel())
     end, running = flow(Z, T, H, P)
     before = casadi.gradient(running + casadi.dot(after, end), Z)
     given = [problem.x, phase.carried, time, problem.p]
     return (
-        flow,
-        casadi.Function("costate", [Z, T, H, P, after], [before]),
+        flow.mapaccum(count),
+        casadi.Function("costate", [after, Z, T, H, P], [before]).mapaccum(count),
         casadi.Function("u", given, [phase.control]),
     )
 

@@ -1,0 +1,86 @@
+"""Shooting equations and cost at given variables, with their first and second derivatives,
+assembled from those of the motion over single intervals.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from socp.transcription.shooting import Shooting
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Span:
+    """The n intervals of a phase: what is `given` where they begin, z (nz, n), t (1, n), h (1, n)
+    and p (np, 1), the variables (n, v) that it depends on, and how, `change` (n, nz + 2 + np, v).
+    """
+
+    given: list[np.ndarray]
+    columns: np.ndarray
+    change: np.ndarray
+
+    @classmethod
+    def of(cls, shooting: Shooting, k: int, w: np.ndarray) -> "Span":
+        """Return the intervals of phase k at variables w (n,)."""
+        block, count = shooting.blocks[k], shooting.phased.of.p.numel()
+        shares, (n, nz) = block.shares, block.variables[1:].shape
+        others = [*range(2 + k), *(1 + len(shooting.pairs) + np.arange(count))]
+        columns = np.hstack([block.variables[:-1], np.tile(others, (n, 1))]).astype(int)
+        change = np.zeros((n, nz + 2 + count, columns.shape[1]))
+        change[:, :nz, :nz] = np.eye(nz)
+        change[:, nz, nz : nz + 1 + k] = 1.0
+        change[:, nz, nz + 1 + k] = shares[:-1]
+        change[:, nz + 1, nz + 1 + k] = np.diff(shares)
+        change[:, nz + 2 :, nz + 2 + k :] = np.eye(count)
+        t, h = w[: 1 + k].sum() + w[1 + k] * shares[:-1], w[1 + k] * np.diff(shares)
+        p = w[1 + len(shooting.pairs) :][:count, None]
+        return cls([w[block.variables[:-1]].T, t[None, :], h[None, :], p], columns, change)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Equations (m,) and cost of shooting at variables `at` (n,), their slopes (m, n) and (n,), and
+    the intervals of every phase.
+    """
+
+    shooting: Shooting
+    at: np.ndarray
+    equations: np.ndarray
+    cost: float
+    slopes: np.ndarray
+    gradient: np.ndarray
+    spans: tuple[Span, ...]
+
+    @classmethod
+    def of(cls, shooting: Shooting, w: np.ndarray) -> "Linearised":
+        """Return what the equations are at variables w (n,)."""
+        given, cost, joined, at_ends = (each.full() for each in shooting.joined[0](w))
+        equations, slopes = np.zeros(shooting.signs.size), np.zeros((shooting.signs.size, w.size))
+        equations[shooting.others], slopes[shooting.others] = given[:, 0], joined
+        objective, gradient, spans = float(cost[0, 0]), at_ends[:, 0], []
+        for k, (block, motion) in enumerate(zip(shooting.blocks, shooting.motions, strict=True)):
+            spans.append(span := Span.of(shooting, k, w))
+            ends, by = motion.slopes(span.given, shooting.steps)
+            equations[block.equations] = ends[:, :-1] - w[block.variables[1:]]
+            objective += float(ends[:, -1].sum())
+            for j, each in enumerate(by @ span.change):
+                rows, columns = block.equations[j], span.columns[j]
+                slopes[rows[:, None], columns] = each[:-1]
+                slopes[rows, block.variables[j + 1]] -= 1.0
+                gradient[columns] += each[-1]
+        return cls(shooting, w, equations, objective, slopes, gradient, tuple(spans))
+
+    def hessian(self, held: np.ndarray) -> np.ndarray:
+        """Return the Hessian (n, n) of the cost and the equations times multipliers held (m,)."""
+        shooting = self.shooting
+        found: np.ndarray = shooting.joined[1](self.at, held[shooting.others]).full()
+        for k, (block, span) in enumerate(zip(shooting.blocks, self.spans, strict=True)):
+            multipliers, motion = held[block.equations].T, shooting.motions[k]
+            bent = motion.bent(span.given, multipliers, shooting.steps)
+            each = span.change.transpose(0, 2, 1) @ bent @ span.change
+            for columns, part in zip(span.columns, each, strict=True):
+                found[np.ix_(columns, columns)] += part
+        return found

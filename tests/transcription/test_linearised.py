@@ -1,0 +1,56 @@
+"""Derivatives of shooting equations, put together from those of single intervals."""
+
+import casadi
+import numpy as np
+import pytest
+
+from socp import Problem, Word, controls, default_guess, follow, parameters, states, time
+from socp.methods.guess import split
+from socp.transcription.linearised import Linearised
+from socp.transcription.motion import motion_of
+from socp.transcription.shooting import Shooting
+
+
+def shooting() -> Shooting:
+    """Return three arcs of a motion with a parameter, explicit time and a running cost."""
+    x, v = states("x v")
+    u, c = controls("u"), parameters("c")
+    problem = Problem(
+        name="driven",
+        minimise=x**2 + c * v,
+        running=v**2 * casadi.cos(time) + u * x,
+        dynamics={x: v + c * casadi.sin(time), v: u - c * x * v},
+        bounds={u: (-1, 2), c: (0, 3)},
+        start={x: 1},
+        guess={v: 0.5, c: 0.7},
+        final_time=(1, 4),
+    )
+    word = Word.parse("u: + - +", ("u",))
+    return Shooting(follow(problem, word), split(default_guess(problem), [0.4, 0.5, 0.3]), 3)
+
+
+def test_slopes_and_curvatures_are_those_of_differences() -> None:
+    known = shooting()
+    rng = np.random.default_rng(0)
+    w = known.start + 0.1 * rng.normal(size=known.start.size)
+    here, held = Linearised.of(known, w), rng.normal(size=known.signs.size)
+    hessian, step = here.hessian(held), 1e-4
+    # the initial time, all lengths, the parameter, some states
+    for k in (*range(5), 5, 106, 313, w.size - 2):
+        one = np.eye(w.size)[k]
+        a, b, c, d = (Linearised.of(known, w + n * step * one) for n in (-2, -1, 1, 2))
+        for slope, values in (
+            (here.slopes[:, k], [each.equations for each in (a, b, c, d)]),
+            (here.gradient[k], [each.cost for each in (a, b, c, d)]),
+            (hessian[:, k], [each.gradient + held @ each.slopes for each in (a, b, c, d)]),
+        ):
+            difference = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * step)
+            assert slope == pytest.approx(difference, rel=1e-8, abs=1e-9)
+
+
+def test_arcs_of_one_law_share_their_functions() -> None:
+    known = shooting()
+    first, middle, last = known.motions
+    assert first is last
+    assert first is not middle
+    assert motion_of(known.phased.of, known.phased.phases[2]).flow(3) is known.flows[0]
