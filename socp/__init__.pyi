@@ -13,6 +13,7 @@ from .model import Scene as Scene
 from .model import Solution as Solution
 from .model import Watch as Watch
 from .model import Word as Word
+from .model import constants as constants
 from .model import controls as controls
 from .model import final_time as final_time
 from .model import free as free

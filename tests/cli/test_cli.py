@@ -302,7 +302,7 @@ def test_a_bug_is_one_line_and_a_hint(socp: Command, monkeypatch: pytest.MonkeyP
     def broken(*_: Any) -> None:
         raise RuntimeError("impossible\nthing")
 
-    monkeypatch.setattr("socp.cli.commands.solving.load_problem", broken)
+    monkeypatch.setattr("socp.cli.posing.load_problem", broken)
     said = socp("solve", "cart.py")
     hint = "this is a bug; see where with: socp --debug solve cart.py\n"
     assert said == (4, "", f"error: internal error: RuntimeError: impossible thing\n{hint}")
