@@ -26,6 +26,7 @@ from .model import silent as silent
 from .model import states as states
 from .model import time as time
 from .registry import hookimpl as hookimpl
+from .registry import solve as solve
 from .solvers import Backend as Backend
 from .solvers import Ipopt as Ipopt
 from .transcription import collocate as collocate

@@ -36,7 +36,9 @@ def pairs(
     for text in given:
         key, equals, value = text.partition("=")
         if not equals or not key.strip():
-            raise MethodError(f"{option} {short(text)}: write KEY=VALUE, such as {option} {example}")
+            raise MethodError(
+                f"{option} {short(text)}: write KEY=VALUE, such as {option} {example}"
+            )
         found.append((key.strip(), value.strip()))
     return found
 

@@ -50,7 +50,5 @@ def _value(name: str, text: str) -> Any:
     except ValueError:
         numbers = ()
     if len(numbers) not in {1, 2}:
-        raise MethodError(
-            f"--set {short(name)}={short(text)}: give a number, LOWER,UPPER or free"
-        )
+        raise MethodError(f"--set {short(name)}={short(text)}: give a number, LOWER,UPPER or free")
     return numbers[0] if len(numbers) == 1 else numbers

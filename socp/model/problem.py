@@ -108,7 +108,9 @@ class Problem:
 
     @property
     def _arguments(self) -> dict[str, Any]:
-        return {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "formula"}
+        return {
+            name: getattr(self, name) for name in self.__dataclass_fields__ if name != "formula"
+        }
 
     @property
     def constants(self) -> Mapping[str, Constant]:

@@ -28,10 +28,10 @@ from .refinement import lowered as lowered
 from .refinement import refine as refine
 from .rivals import outdo as outdo
 from .rounding import rounded_word as rounded_word
-from .warm import warm_start as warm_start
 from .tree.attempt import Coarse as Coarse
 from .tree.bounded import BoundedSearch as BoundedSearch
 from .tree.branching import Branching as Branching
 from .tree.branching import Child as Child
 from .tree.softening import end_miss as end_miss
 from .tree.softening import softened_problem as softened_problem
+from .warm import warm_start as warm_start

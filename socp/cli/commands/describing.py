@@ -102,9 +102,7 @@ def _range(least: float | None, most: float | None) -> str:
     return f"; {', '.join(parts)}" if parts else ""
 
 
-def _problem(
-    name: str, changes: Sequence[str], registry: "Registry", *, full: bool
-) -> None:
+def _problem(name: str, changes: Sequence[str], registry: "Registry", *, full: bool) -> None:
     try:
         problem = load_posed(name, changes, registry)
     except ProblemError:

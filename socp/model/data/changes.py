@@ -78,9 +78,7 @@ def _sided(interval: Any, side: str, value: Any) -> tuple[Any, Any]:
     return (value, high) if side == "lower" else (low, value)
 
 
-def _merged(
-    head: str, table: Mapping[Any, Any], given: Any, symbols: Symbols
-) -> dict[Any, Any]:
+def _merged(head: str, table: Mapping[Any, Any], given: Any, symbols: Symbols) -> dict[Any, Any]:
     """Return a table with entries added, or changed, by symbol or by name."""
     if not isinstance(given, Mapping):
         raise ProblemError(f"{head}: {shown(given)} where a table {{...: ...}} is needed")

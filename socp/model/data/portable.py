@@ -147,9 +147,7 @@ def _formula(formula: Formula, symbols: Mapping[str, Expr]) -> Data:
     return {"formula": found}
 
 
-def _with_constants(
-    found: Data, formula: Mapping[str, Any], symbols: Mapping[str, Expr]
-) -> Data:
+def _with_constants(found: Data, formula: Mapping[str, Any], symbols: Mapping[str, Expr]) -> Data:
     """Return the arguments of `Problem` with what was written with constants in its places, in new
     symbols.
     """

@@ -30,7 +30,12 @@ _SCENE = {
 _MOST = 10_000
 # Characters of a message: what is wrong is said in fewer, the rest is what a file put there
 _LONGEST = 500
-OUTSIDE = ("fingerprint", "name", "about", "formula")  # of a statement: what its fingerprint is not of
+OUTSIDE = (
+    "fingerprint",
+    "name",
+    "about",
+    "formula",
+)  # of a statement: what its fingerprint is not of
 
 
 class Record(msgspec.Struct, forbid_unknown_fields=True):
@@ -262,7 +267,7 @@ def _texts(statement: Statement) -> None:
     about = statement.about
     laws = [each for each in statement.boundary.values() if isinstance(each, dict)]
     constants = {} if statement.formula is None else statement.formula.constants
-    tables = (statement.path, statement.target, *laws, constants)
+    tables: list[Mapping[str, Any]] = [statement.path, statement.target, *laws, constants]
     for name in [statement.name, *names(statement), *(name for table in tables for name in table)]:
         if not name.isprintable():
             raise ProblemError(f"{name!r} where a name is needed")
