@@ -66,7 +66,7 @@ def test_other_values_give_the_problem_of_those_values() -> None:
 
 @pytest.mark.parametrize(
     "way",
-    [copy.copy, copy.deepcopy, lambda p: pickle.loads(pickle.dumps(p)), lambda p: replace(p)],
+    [copy.copy, copy.deepcopy, lambda p: pickle.loads(pickle.dumps(p)), replace],  # noqa: S301
     ids=["copy", "deepcopy", "pickle", "replace"],
 )
 def test_copies_keep_their_constants(way: Any) -> None:
