@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from socp.errors import MethodError
 from socp.registry.entries import suggest
-from socp.registry.loading import check_guess, load_guess, load_problem
+from socp.registry.loading import as_guess, load_guess, load_problem
 from socp.registry.plugins import Registry
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def solve(
     elif isinstance(guess, (str, Path)):
         start = load_guess(str(guess), posed)
     else:
-        start = check_guess("guess", guess, posed)
+        start = as_guess("guess", guess, posed)
     return run(how, posed, start, silent if watch is None else watch)
 
 

@@ -1,5 +1,9 @@
 """Warm starts: a neighbouring problem along the word of its guess, without scouting."""
 
+from contextlib import suppress
+
+import numpy as np
+
 from socp.errors import ProblemError
 from socp.methods import polished, sound
 from socp.model import SHORTEST, Problem, Solution, Stop, Watch, silent
@@ -49,7 +53,10 @@ def _neighbour(problem: Problem, guess: Solution) -> Solution | None:
         control_names=guess.control_names,
         parameters=guess.parameters,
     )
-    found = polished(problem, start, origin=_origin(problem, guess))
+    found = None
+    with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError, ValueError, ArithmeticError):
+        # far from home Newton may overflow on its way to nowhere
+        found = polished(problem, start, origin=_origin(problem, guess))
     if found is None or not sound(problem, found):
         return None
     shortest = SHORTEST * (found.final_time - found.initial_time)

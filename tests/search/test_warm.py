@@ -145,6 +145,9 @@ def test_solve_takes_the_names_of_the_command(solved: Solution) -> None:
         solve(POND, method="aut")
     with pytest.raises(SolveError, match="guess: its states are x, but those of problem 'disc'"):
         solve(DISC, guess=solved)
+    arcs = tuple(replace(arc, x=np.full_like(arc.x, np.nan)) for arc in solved.arcs)
+    with pytest.raises(SolveError, match="guess: states or controls in it are not finite"):
+        solve(POND, guess=replace(solved, arcs=arcs))
     named = solve("jacobson_1", method="euler-ipopt", steps=50)
     assert (named.problem, named.options["steps"]) == ("jacobson_1", 50)
 
