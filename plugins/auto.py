@@ -34,6 +34,7 @@ from socp.search import (
     pursue,
     refine,
     time_shares,
+    warm_start,
     with_agreement,
     with_starts,
 )
@@ -69,8 +70,8 @@ class Auto(Method):
     backend: Backend = option(default_backend(), "solver of the nonlinear programmes")
 
     def solve(self, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
-        """Scout from scattered guesses, then refine the best found until a word is certified; else
-        return the best.
+        """Solve along the word of the guess, where it has one that holds; else scout from scattered
+        guesses, then refine the best found until a word is certified; else return the best.
         """
         began, search, directs = time.perf_counter(), self._search(), list[Solution]()
         try:
@@ -97,6 +98,9 @@ class Auto(Method):
         search, directs = known
         whole, first = time_shares(self.seconds)
         with time_limit(whole):
+            found = warm_start(problem, guess, search, watch)
+            if found is not None:
+                return found
             with time_limit(first):
                 search.scouted = scouted(problem, guess, self.starts, watch, self.backend)
                 met = search.scouted.solutions

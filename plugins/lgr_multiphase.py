@@ -27,23 +27,32 @@ from socp.solvers import default_backend
 from socp.transcription import euler, lgr
 
 _TOLERANCE = 1e-11  # of the solver: switching times to many digits
+_PHASES = 3  # one a kind of arc: bang, singular, bang
 _COARSE = 100  # steps of the coarse solve: enough to show the arcs, few enough to cost nothing
 
 
 @final
 @dataclass(frozen=True)
 class LgrMultiphase(Method):
-    """Along a word: its laws on every arc, switching times to many digits. Without one: phases of
-    free controls.
+    """Along a word, given or that of the guess: laws on every arc, switching times to many digits.
+    Without one: phases of free controls.
     """
 
     name: ClassVar[str] = "lgr-multiphase"
     source: ClassVar[str] = "doi:10.3934/dcdsb.2019092, section 4 (GPOPS) and (16)"
-    word: str = option("", "arcs by control, such as 'r: + s s s +; f: + + b - -'")
+    word: str = option(
+        "",
+        "arcs by control, such as 'r: + s s s +; f: + + b - -'; that of the guess where it has one",
+    )
     lengths: str = option(
         "", "rough arc lengths as a guess, such as '0.05 0.6 14 0.1 0.2'; equal where not given"
     )
-    phases: int = option(3, "number of phases where there is no word", least=1, most=1000)
+    phases: int = option(
+        0,
+        f"number of phases of free controls; 0 means along the word, {_PHASES} where there is none",
+        least=0,
+        most=1000,
+    )
     points: int = option(
         0,
         "collocation points an interval; 0 means 40 without a word, 10 with one",
@@ -70,15 +79,12 @@ class LgrMultiphase(Method):
         Where the guess leads nowhere along a word, a coarse solve without it gives another.
         """
         backend = self.backend.within(_TOLERANCE)
-        if not self.word:
-            phased, meshes = (
-                single_phase(problem, self.phases),
-                [uniform(lgr(self.points or 40), self.intervals or 1)],
-            )
-            return solve_collocated(
-                phased, meshes * self.phases, backend, self._cut(guess, self.phases), watch
-            )
-        word = Word.parse(self.word, problem.control_names)
+        word = self._word(problem, guess)
+        if word is None:
+            count = self.phases or _PHASES
+            meshes = [uniform(lgr(self.points or 40), self.intervals or 1)] * count
+            phased = single_phase(problem, count)
+            return solve_collocated(phased, meshes, backend, self._cut(guess, count), watch)
         follower = Follower(self.points or 10, self.intervals, self.tolerance, backend=backend)
         solution = follower(problem, word, self._cut(guess, len(word.arcs)), watch)
         if sound(problem, solution) or solution.stop is Stop.INTERRUPTED:
@@ -91,6 +97,14 @@ class LgrMultiphase(Method):
         )
         better = again if again.stop.ok or not solution.stop.ok else solution
         return better.after(coarse).after(solution if better is again else again)
+
+    def _word(self, problem: Problem, guess: Solution) -> Word | None:
+        """Return the word to solve along, None where controls are free."""
+        if self.word:
+            return Word.parse(self.word, problem.control_names)
+        if self.phases or not all(arc.lawful for arc in guess.arcs):
+            return None
+        return Word(problem.control_names, tuple(arc.modes for arc in guess.arcs))
 
     def _cut(self, guess: Solution, count: int) -> Solution:
         if not self.lengths:

@@ -6,16 +6,17 @@ from math import pi, sqrt
 
 from casadi import cos, fabs, sin, tanh
 
-from socp import Problem, Reference, Scene, controls, final_time, states
+from socp import Problem, Reference, Scene, constants, controls, final_time, states
 
 x, y, phi, u = states("x y phi u")  # position, heading, speed
 r, f = controls("r f")  # turn rate, thrust
+current = constants(current=0.8)  # its strength far from the axis
 
 problem = Problem(
     name="auv",
     minimise=final_time,
     dynamics={
-        x: u * cos(phi) + 0.8 * tanh(y),
+        x: u * cos(phi) + current * tanh(y),
         y: u * sin(phi),
         phi: r,
         u: f - u * fabs(u),
@@ -24,7 +25,7 @@ problem = Problem(
     start={x: 40, y: -2, phi: pi, u: 0},
     end={phi: pi, u: 0},
     target={"disc": x**2 + y**2 <= 0.05},
-    scene=Scene(plane=(x, y), heading=phi, flow=(0.8 * tanh(y), 0), target=(0, 0, sqrt(0.05))),
+    scene=Scene(plane=(x, y), heading=phi, flow=(current * tanh(y), 0), target=(0, 0, sqrt(0.05))),
     title="AUV in a shear current, minimum time",
     source="Foroozandeh, de Pinho, Shamsi, DCDS-B 24(5) 2019, doi:10.3934/dcdsb.2019092, with u "
     ">= 0",

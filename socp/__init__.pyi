@@ -13,6 +13,7 @@ from .model import Scene as Scene
 from .model import Solution as Solution
 from .model import Watch as Watch
 from .model import Word as Word
+from .model import constants as constants
 from .model import controls as controls
 from .model import final_time as final_time
 from .model import free as free
@@ -25,6 +26,7 @@ from .model import silent as silent
 from .model import states as states
 from .model import time as time
 from .registry import hookimpl as hookimpl
+from .registry import solve as solve
 from .solvers import Backend as Backend
 from .solvers import Ipopt as Ipopt
 from .transcription import collocate as collocate

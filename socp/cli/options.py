@@ -26,13 +26,19 @@ _TRUTH = {
 }
 
 
-def pairs(given: Iterable[str]) -> list[tuple[str, str]]:
-    """Split KEY=VALUE texts; MethodError shows one that has no key or no equals sign."""
+def pairs(
+    given: Iterable[str], option: str = "-o", example: str = "steps=400"
+) -> list[tuple[str, str]]:
+    """Split KEY=VALUE texts of an option; MethodError shows one that has no key or no equals sign,
+    with an example.
+    """
     found = []
     for text in given:
         key, equals, value = text.partition("=")
         if not equals or not key.strip():
-            raise MethodError(f"-o {short(text)}: write KEY=VALUE, such as -o steps=400")
+            raise MethodError(
+                f"{option} {short(text)}: write KEY=VALUE, such as {option} {example}"
+            )
         found.append((key.strip(), value.strip()))
     return found
 

@@ -22,6 +22,7 @@ def facts(problem: "Problem", solution: "Solution") -> dict[str, Any]:
     return {
         "problem": problem.name,
         "title": problem.title,
+        "constants": {name: each.value for name, each in problem.constants.items()},
         "method": solution.method,
         "options": solution.options,
         "outcome": came_to.name,

@@ -11,7 +11,9 @@ from socp.transcription import Shooting, rejoin
 from socp.verdict import Conditions, settled, steps_of, word_problem
 
 
-def polished(problem: Problem, solution: Solution, points: int = 10) -> Solution | None:
+def polished(
+    problem: Problem, solution: Solution, points: int = 10, origin: Problem | None = None
+) -> Solution | None:
     """Return a solution along a word with its conditions solved by Newton to rounding, or None
     where that fails.
 
@@ -20,14 +22,22 @@ def polished(problem: Problem, solution: Solution, points: int = 10) -> Solution
     multiplier of a joint is the costate of the rest of the horizon, and the slope in the length of
     an arc is the jump of the Hamiltonian. Its `agreement` is that of two meshes: with as many steps
     as the motion needs, and with twice as many.
+
+    `origin`: the problem that the solution is one of, where that may be another. Newton may go far
+    from it then, and the limits that are met at its ends are met.
     """
     known = word_problem(problem, solution, points)
     steps = None if known is None else steps_of(known[0], known[1])
     if known is None or steps is None:
         return None
     phased, start, pieces = known
-    finer = Shooting(phased, start, 2 * steps)
-    there = settled(Conditions(Shooting(phased, start, steps)))
+    active = frozenset[tuple[str, float]]()
+    if origin is not None:
+        own = Shooting(replace(phased, of=origin), start, steps).ends
+        active = frozenset((row.name, row.sign) for row in own if row.sign)
+    finer = Shooting(phased, start, 2 * steps, active=active)
+    coarse = Conditions(Shooting(phased, start, steps, active=active))
+    there = settled(coarse, far=origin is not None)
     if there is None or there.system.open(np.eye(there.at.size)).any():
         return None
     conditions = Conditions(finer)

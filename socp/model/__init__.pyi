@@ -4,6 +4,8 @@ from .arc import join as join
 from .checks import check_controls as check_controls
 from .data.comparing import differences as differences
 from .data.consistency import check_constraints as check_constraints
+from .data.constants import Constant as Constant
+from .data.constants import constants as constants
 from .data.files import from_json as from_json
 from .data.files import load as load
 from .data.files import save as save

@@ -44,6 +44,7 @@ _RAISED = {  # part of what Python or casadi says -> what was meant, as far as c
     "states() takes": "give the names in one string, such as states('a b')",
     "controls() takes": "give the names in one string, such as controls('a b')",
     "parameters() takes": "give the names in one string, such as parameters('a b')",
+    "constants() takes": "give every constant its value, such as constants(drag=0.3)",
     "Problem.__init__() takes 1 positional": "every part has a name: Problem(name=..., "
     "dynamics={...}, bounds={...})",
     "missing 1 required keyword-only argument: 'bounds'": "bounds={u: (lower, upper)} names the "

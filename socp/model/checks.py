@@ -9,6 +9,7 @@ import numpy as np
 
 from socp.errors import ProblemError
 from socp.model import advice, keys, ranges
+from socp.model.data.constants import check_constants
 from socp.model.graph import fold, not_affine
 from socp.model.parts import check_scene, scene_expressions
 from socp.model.symbols import (
@@ -211,6 +212,9 @@ def _used(problem: "Problem") -> None:
             if kind is not None and symbol not in {*states, *controls, *parameters}:
                 raise ProblemError(f"{table}: {kind} '{symbol}' has no {lacking[kind]}")
     _distinct(symbol.name() for symbol in [*states, *controls, *parameters])
+    taken = {symbol.name(): f"a {role(symbol)}" for symbol in [*states, *controls, *parameters]}
+    fields = dict.fromkeys(problem.__dataclass_fields__, "a part of every problem")
+    check_constants(problem.formula, {**fields, **taken})
 
 
 def _distinct(names: Iterable[str]) -> None:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from types import MappingProxyType
 from typing import Any, Self, final
@@ -12,7 +12,9 @@ import numpy as np
 
 from socp.errors import ProblemError
 from socp.model import advice, checks, keys
-from socp.model.data import portable
+from socp.model.data import changes, constants, portable
+from socp.model.data.constants import Constant, Formula
+from socp.model.data.stated import TEXTS
 from socp.model.data.views import view
 from socp.model.parts import Constraint, EndCondition, Reference, Scene
 from socp.model.ranges import interval, rows
@@ -44,6 +46,9 @@ class Problem:
     `{f: {"u.upper": 4}}`). `guess` gives a number, a (start, end) pair or an expression of `time`
     by symbol; of a parameter, `initial_time` or `final_time` it gives a number.
 
+    Constants made by `constants` stand wherever numbers may. The fields hold their values;
+    `formula` keeps what was written with them, and is not given: `with_` changes values.
+
     Raises ProblemError, with the offending name, for anything that is not such a problem. The
     tables are copied: what happens to the given ones later changes nothing.
     """
@@ -67,6 +72,7 @@ class Problem:
     source: str = ""
     reference: Reference | None = None
     scene: Scene | None = None
+    formula: Formula | None = None
 
     def __new__(cls, *_: Any, **given: Any) -> Self:
         """Refuse a keyword that there is none of, with what to write instead."""
@@ -77,9 +83,16 @@ class Problem:
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
+        formula = constants.formula_of(self._arguments, self.formula)
+        for name, value in {} if formula is None else formula.fields.items():
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "formula", formula)
         checks.validate(self)
         for table in keys.TABLES:
             object.__setattr__(self, table, MappingProxyType(dict(getattr(self, table))))
+        if formula is not None:  # whoever replaces fields hands on the others as they are
+            held = {name: getattr(self, name) for name in formula.fields}
+            object.__setattr__(self, "formula", replace(formula, fields=held))
 
     def __repr__(self) -> str:
         return (
@@ -90,6 +103,42 @@ class Problem:
     def _repr_html_(self) -> str:
         shown: str = view("html")(self)
         return shown
+
+    # -- its numbers, by name
+
+    @property
+    def _arguments(self) -> dict[str, Any]:
+        return {
+            name: getattr(self, name) for name in self.__dataclass_fields__ if name != "formula"
+        }
+
+    @property
+    def constants(self) -> Mapping[str, Constant]:
+        """Its named constants, with the values that they have in it."""
+        return {} if self.formula is None else self.formula.named
+
+    def with_(self, named: Mapping[str, Any] | None = None, /, **given: Any) -> "Problem":
+        """Return the problem with other values of constants, ends, bounds, times or other fields.
+
+        `problem.with_(current=1.0, start={x: 30}, final_time=5)`; entries of tables stand beside
+        those that there are. By name, as on the command line:
+        `problem.with_({"start.x": 30, "bounds.u.upper": 1.5})`. Reference values go, unless new
+        ones are given: they are those of another problem. Raises ProblemError, with the closest
+        name, for what there is not, and for what is no problem any more.
+        """
+        told, known = {**(named or {}), **given}, self.formula
+        own = {} if known is None else {symbol.name(): symbol for symbol in known.values}
+        symbols = {symbol.name(): symbol for kind in self.symbols.values() for symbol in kind}
+        written = self._arguments if known is None else known.written(self._arguments)
+        try:
+            found, values = changes.changed(written, own, symbols, told)
+        except ProblemError as error:
+            raise ProblemError(f"problem '{self.name}': {error}") from None
+        if told.keys() - {*TEXTS, "name", "units", "guess", "scene", "reference"}:
+            found["reference"] = told.get("reference")
+        if known is not None:
+            known = Formula({**known.values, **values}, {}, {})
+        return Problem(**found, formula=known)
 
     # -- as data
 
@@ -284,4 +333,8 @@ class Problem:
     maxsize=64
 )  # symbols are never forgotten: the same statement read again gives the same problem
 def _restored(text: str) -> Problem:
-    return Problem(**portable.arguments(json.loads(text)))
+    statement = json.loads(text)
+    problem = Problem(**portable.arguments(statement))
+    if problem.formula is not None and problem.fingerprint != statement["fingerprint"]:
+        raise ProblemError("formula: with its constants' values it is another problem")
+    return problem

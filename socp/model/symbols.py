@@ -4,6 +4,7 @@ expressions.
 
 import math
 import sys
+from collections.abc import Sequence
 from functools import cache
 from typing import Any, Literal
 
@@ -14,7 +15,7 @@ from socp.errors import ProblemError
 from socp.process import plainly, shown
 
 Expr = Any  # a casadi.SX expression, or a number where one will do; casadi carries no types
-Role = Literal["state", "control", "parameter"]
+Role = Literal["state", "control", "parameter", "constant"]
 
 _LONGEST = 100  # characters of a name: more fit into no table or figure
 _RELATIONS = (casadi.OP_LE, casadi.OP_LT, casadi.OP_EQ)
@@ -136,6 +137,14 @@ def _declare(names: str, kind: Role) -> Any:
     words = names.replace(",", " ").split()
     if not words:
         raise ProblemError(f"{kind}s({shown(names)}): name at least one {kind}")
+    symbols = declared(words, kind, names)
+    return symbols if len(symbols) > 1 else symbols[0]
+
+
+def declared(words: Sequence[str], kind: Role, names: Any) -> tuple[Expr, ...]:
+    """Return new symbols of one role by their names; ProblemError, starting with what was given for
+    `names`, refuses what is no name.
+    """
     for k, word in enumerate(words):
         if len(word) > _LONGEST:
             raise ProblemError(
@@ -153,4 +162,4 @@ def _declare(names: str, kind: Role) -> Any:
             raise ProblemError(f"{kind}s({shown(names)}): '{word}' is declared twice")
     symbols = tuple(casadi.SX.sym(word) for word in words)
     _ROLES.update(dict.fromkeys(symbols, kind))
-    return symbols if len(symbols) > 1 else symbols[0]
+    return symbols

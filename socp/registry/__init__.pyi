@@ -12,5 +12,6 @@ from .loading import load_problem as load_problem
 from .plugins import PluginError as PluginError
 from .plugins import Registry as Registry
 from .recorder import Guarded as Guarded
+from .solving import solve as solve
 from .viewer import Screen as Screen
 from .viewer import Viewer as Viewer

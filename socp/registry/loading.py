@@ -60,11 +60,18 @@ def load_file(path: Path, name: str = "problem") -> "Problem":
 
 def load_guess(path: str, problem: "Problem") -> "Solution":
     """Return a saved result as a guess; SolveError says why it cannot be one for this problem."""
-    import numpy as np
-
     from socp.model import load
 
-    guess = check_guess(path, load(path), problem)
+    return as_guess(path, load(path), problem)
+
+
+def as_guess(path: str, solution: "Solution", problem: "Problem") -> "Solution":
+    """Return a solution as a guess; SolveError, starting with where it is from, says why it cannot
+    be one for this problem.
+    """
+    import numpy as np
+
+    guess = check_guess(path, solution, problem)
     if not all(np.isfinite(each).all() for arc in guess.arcs for each in (arc.x, arc.u)):
         raise SolveError(f"{path}: states or controls in it are not finite; it is no guess")
     return guess

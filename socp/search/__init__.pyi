@@ -35,3 +35,4 @@ from .tree.branching import Branching as Branching
 from .tree.branching import Child as Child
 from .tree.softening import end_miss as end_miss
 from .tree.softening import softened_problem as softened_problem
+from .warm import warm_start as warm_start

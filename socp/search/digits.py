@@ -26,11 +26,14 @@ def with_agreement(
 ) -> Solution:
     """Return a certified solution with the agreement of two computations of it, certified again.
 
-    Arcs shorter than the errors of their ends go first. Newton on its conditions follows. Where
-    that does not settle, or leaves less than `digits` digits, finer meshes are compared. What
-    cannot be computed twice comes back as it is.
+    Arcs shorter than the errors of their ends go first. What has been computed twice already is
+    left at that; Newton on its conditions follows for the others. Where that does not settle, or
+    leaves less than `digits` digits, finer meshes are compared. What cannot be computed twice comes
+    back as it is.
     """
     solution = settled(problem, solution, backend, watch)
+    if agrees(solution, digits):
+        return solution
     found = polished(problem, solution)
     best = solution if found is None else certified(problem, found)
     best = best if best.extremal else solution

@@ -49,8 +49,21 @@ def refine(
     when those have led nowhere.
     """
     learn(problem, direct)
-    queue: list[tuple[float, Candidate]] = []
     batches = _late(problem, direct, search) if late else _early(problem, direct)
+    return try_words(problem, batches, search, watch, solves)
+
+
+def try_words(
+    problem: Problem,
+    batches: Iterator[list[Candidate]],
+    search: Search,
+    watch: Watch = silent,
+    solves: int = _SOLVES,
+) -> Solution | None:
+    """Try words and what mends them, best first, another batch of words once none is left; returns
+    as `refine` does.
+    """
+    queue: list[tuple[float, Candidate]] = []
     seen: set[str] = set()  # what failed from another start may succeed from this one
     last = search.count + solves
     while search.count < last and not search.over:

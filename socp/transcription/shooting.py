@@ -73,13 +73,15 @@ class Shooting:
     the states (with what it carries) at the ends of the intervals of its arc's mesh; over each of
     these the motion is integrated in `steps` steps by the formula of order 8 of Dormand and Prince
     (Hairer, Norsett, Wanner, Solving ODEs I, II.5). Inequalities at the ends that are within `near`
-    of their limits, relative to the sizes of the states, are taken for equations.
+    of their limits, relative to the sizes of the states, are taken for equations; so are those of
+    the `active` rows, by name and sign, however far they are.
     """
 
     phased: PhasedProblem
     solution: Solution
     steps: int
     near: float = _ACTIVE
+    active: frozenset[tuple[str, float]] = frozenset()
 
     @cached_property
     def pairs(self) -> list[tuple[Phase, Arc]]:
@@ -234,20 +236,42 @@ class Shooting:
             tuple(f"{end}.{name}" for name in problem.state_names) for end in ("start", "end")
         )
         rows = [
-            *_rows(x0, first, problem.start_box, self.near * scale, starts),
-            *_rows(xf, last, problem.end_box, self.near * scale, stops),
-            *_rows(p, parameters, problem.parameter_box, near, problem.parameter_names),
-            *_rows(t0, np.array(times[:1]), boxes[0], self.near * horizon, ("initial_time",)),
-            *_rows(tf, np.array(times[1:]), boxes[1], self.near * horizon, ("final_time",)),
+            *self._rows(x0, first, problem.start_box, self.near * scale, starts),
+            *self._rows(xf, last, problem.end_box, self.near * scale, stops),
+            *self._rows(p, parameters, problem.parameter_box, near, problem.parameter_names),
+            *self._rows(t0, np.array(times[:1]), boxes[0], self.near * horizon, ("initial_time",)),
+            *self._rows(tf, np.array(times[1:]), boxes[1], self.near * horizon, ("final_time",)),
         ]
         for condition in problem.conditions:
             psi = condition_function(problem, condition)
             slopes = condition_slopes(problem, condition)(*values)
             size = sum(float(np.abs(each.full()[0]) @ scale) for each in slopes[:2])
-            if condition.equation or float(psi(*values)) >= -self.near * (size or 1.0):
-                sign = 0.0 if condition.equation else 1.0
-                rows.append(EndRow(f"target.{condition.name}", psi(xf, x0, p, t0, tf), sign))
+            name, sign = f"target.{condition.name}", 0.0 if condition.equation else 1.0
+            met = float(psi(*values)) >= -self.near * (size or 1.0)
+            if condition.equation or met or (name, sign) in self.active:
+                rows.append(EndRow(name, psi(xf, x0, p, t0, tf), sign))
         return rows
+
+    def _rows(
+        self,
+        expression: Expr,
+        value: np.ndarray,
+        box: np.ndarray,
+        near: np.ndarray,
+        names: Sequence[str],
+    ) -> list[EndRow]:
+        """Return the entries of an expression that are fixed, or near a limit of their box
+        (2, n).
+        """
+        found = []
+        for i, (low, high) in enumerate(box.T):
+            if low == high:
+                found.append(EndRow(names[i], expression[i] - low, 0.0))
+            elif value[i] <= low + near[i] or (names[i], -1.0) in self.active:
+                found.append(EndRow(names[i], expression[i] - low, -1.0))
+            elif value[i] >= high - near[i] or (names[i], 1.0) in self.active:
+                found.append(EndRow(names[i], expression[i] - high, 1.0))
+        return found
 
     def lifted(self, w: np.ndarray, objective: float) -> Solution:
         """Return the motion of variables w (n,) at the nodes of the solution's meshes."""
@@ -306,23 +330,4 @@ def interval_ends(phased: PhasedProblem, start: Solution, steps: int) -> list[np
         for _ in range(steps):
             y = step(y, *given)
         found.append(y.full()[:-1])
-    return found
-
-
-def _rows(
-    expression: Expr,
-    value: np.ndarray,
-    box: np.ndarray,
-    near: np.ndarray,
-    names: Sequence[str],
-) -> list[EndRow]:
-    """Return the entries of an expression that are fixed, or near a limit of their box (2, n)."""
-    found = []
-    for i, (low, high) in enumerate(box.T):
-        if low == high:
-            found.append(EndRow(names[i], expression[i] - low, 0.0))
-        elif value[i] <= low + near[i]:
-            found.append(EndRow(names[i], expression[i] - low, -1.0))
-        elif value[i] >= high - near[i]:
-            found.append(EndRow(names[i], expression[i] - high, 1.0))
     return found

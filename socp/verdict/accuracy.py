@@ -64,8 +64,8 @@ def accuracy(problem: Problem, solution: Solution, points: int = 10) -> Accuracy
     steps = None if known is None else steps_of(known[0], known[1])
     if known is None or steps is None:
         return None
-    for near in (ACTIVE, None):
-        shooting = Shooting(known[0], known[1], steps, *([] if near is None else [near]))
+    whole = Shooting(known[0], known[1], steps)
+    for shooting in (replace(whole, near=ACTIVE), whole):
         conditions = Conditions(shooting)
         held, signs = conditions.multipliers(shooting.start), shooting.signs
         if (signs * held >= -_SIGN * np.abs(held).max(initial=0.0)).all():

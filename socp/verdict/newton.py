@@ -22,6 +22,7 @@ _MOVES = 1e-6
 _CONTRADICTS = 64.0
 _ULPS = 4.0  # rounding of every entry of a condition, in units of its last place
 _NEWTON = 8  # steps: from a collocated solution two or three do
+_FAR = 16  # the same from the solution of another problem: five to ten do
 # Of the variables' magnitudes: a step below it is rounding, which may keep it at some times as much
 _DONE = 1e-13
 _ROUNDING = 100.0
@@ -194,17 +195,17 @@ class Settled:
     system: System
 
 
-def settled(conditions: Conditions) -> Settled | None:
-    """Solve the first-order conditions; None where Newton does not settle nearby, or a limit would
-    rather be left.
+def settled(conditions: Conditions, *, far: bool = False) -> Settled | None:
+    """Solve the first-order conditions; None where Newton does not settle, or not nearby unless it
+    may go `far`, or where a limit would rather be left.
     """
     start, signs, size = conditions.shooting.start, conditions.shooting.signs, conditions.size
     at, held = start, conditions.multipliers(start)
-    for _ in range(_NEWTON):
+    for _ in range(_FAR if far else _NEWTON):
         system = conditions.system(at, held)
         moved, change = system.step(*conditions.values(at, held)[:2])
         at, held = at + moved, held + change
-        if not np.abs((at - start) / size).max() <= AWAY:
+        if not np.abs((at - start) / size).max() <= (np.finfo(float).max if far else AWAY):
             return None
         if np.abs(moved / size).max() <= _DONE:
             break

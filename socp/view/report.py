@@ -62,7 +62,8 @@ def solution_rows(
     Without its problem nothing is said of a reference, nor of a final time that is not reached.
     `unjudged` is what a solution without a verdict came to, where that is known.
     """
-    rows = [_method(solution), _came_to(outcome_of(solution) or unjudged)]
+    rows = [] if problem is None else [_row("constants", constant_lines(problem))]
+    rows += [_method(solution), _came_to(outcome_of(solution) or unjudged)]
     rows += _point(problem, solution)
     rows += [_row("digits", agreed_digits(solution)), _stop(solution)]
     rows.append(Row("feasibility", tuple(_reintegrated(each) for each in solution.verified)))
@@ -76,6 +77,12 @@ def solution_rows(
     rows.append(_row("seconds", [f"{sum(solution.seconds.values()):.2f} ({parts})"]))
     rows.append(_row("result", [path] if path else []))
     return [row for row in rows if row.lines]
+
+
+def constant_lines(problem: "Problem") -> list[str]:
+    """Return the named constants of a problem with their values and units, a line each."""
+    named = problem.constants.items()
+    return [f"{name} = {each.value:.12g} {each.unit}".rstrip() for name, each in named]
 
 
 def verdict_rows(verdict: "Verdict") -> list[Row]:

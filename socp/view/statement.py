@@ -10,6 +10,7 @@ import casadi
 import numpy as np
 
 from socp.model import AREA, HYPERBOLIC, POWERS, TRIGONOMETRIC, Expr, operation_names
+from socp.view.report import constant_lines
 
 _INFIX = {  # operation -> sign, precedence
     casadi.OP_LE: (" <= ", 1),
@@ -148,7 +149,9 @@ def statement_rows(problem: "Problem") -> Iterator[Line]:
 
 
 def notes(problem: "Problem") -> Iterator[Line]:
-    """Yield (label, text) of what is known beside the problem: units and reference values."""
+    """Yield (label, text) of what is known beside the problem: constants, units, references."""
+    for line, each in zip(constant_lines(problem), problem.constants.values(), strict=True):
+        yield "constant", f"{line}: {each.text}" if each.text else line
     yield from (("unit", f"{symbol}: {unit}") for symbol, unit in problem.units.items())
     yield from _reference(problem)
 

@@ -302,11 +302,57 @@ def test_a_bug_is_one_line_and_a_hint(socp: Command, monkeypatch: pytest.MonkeyP
     def broken(*_: Any) -> None:
         raise RuntimeError("impossible\nthing")
 
-    monkeypatch.setattr("socp.cli.commands.solving.load_problem", broken)
+    monkeypatch.setattr("socp.cli.posing.load_problem", broken)
     said = socp("solve", "cart.py")
     hint = "this is a bug; see where with: socp --debug solve cart.py\n"
     assert said == (4, "", f"error: internal error: RuntimeError: impossible thing\n{hint}")
     assert "Traceback" in socp("--debug", "solve", "cart.py").err
+
+
+# -- numbers set by name
+
+
+def test_numbers_are_set_on_the_command_line(socp: Command) -> None:
+    """From rest to rest with |a| <= 1: tf = 2 sqrt(distance); the report has what was set."""
+    text = FILE.replace("import ", "import constants, ", 1).replace("x: 1", "x: far", 1)
+    Path("far.py").write_text(text.replace("problem =", "far = constants(far=4)\nproblem =", 1))
+    for asked, wanted in ((), 4.0), (("--set", "far=9"), 6.0), (("--set", "start.x=3"), 2.0):
+        word = ("-m", "lgr-multiphase", "-o", "word=+ -")
+        said = socp("solve", "far.py", *word, *asked, "--json")
+        assert json.loads(said.out)["objective"] == pytest.approx(wanted)
+        assert json.loads(said.out)["constants"] == {"far": 9.0 if "far=9" in asked else 4.0}
+    assert "\nconstant      far = 9\n" in socp("describe", "far.py", "--set", "far=9").out
+
+
+NOTHING = "problem 'cart': there is no"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("star.x=1", f"--set: {NOTHING} 'star.x' to change; did you mean 'start.x'?"),
+        ("start.x=a", "--set start.x=a: give a number, LOWER,UPPER or free"),
+        ("start.x=1,2,3", "--set start.x=1,2,3: give a number, LOWER,UPPER or free"),
+        ("start.x", "--set start.x: write KEY=VALUE, such as --set start.x=30"),
+        ("bounds.u=1,-1", "--set: problem 'cart': bounds of 'u': lower 1.0 > upper -1.0"),
+    ],
+)
+@pytest.mark.parametrize("command", ["solve", "census", "describe"])
+def test_what_cannot_be_set_is_a_matter_of_usage(
+    socp: Command, command: str, change: str, said: str
+) -> None:
+    assert socp(command, "cart.py", "--set", change) == (2, "", f"error: {said}\n")
+
+
+def test_a_method_has_no_numbers_to_set(socp: Command) -> None:
+    assert socp("describe", "auto", "--set", "steps=4").code == 2
+
+
+def test_a_result_is_the_guess_of_its_neighbour(socp: Command) -> None:
+    assert socp("solve", "cart.py", "--out", "first.json").code == 0
+    said = socp("solve", "cart.py", "--set", "end.x=1.2", "--guess", "first.json")
+    assert said.code == 0
+    assert "Newton on the conditions of the guess's word" in said.out
 
 
 # -- plugins

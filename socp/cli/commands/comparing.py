@@ -14,6 +14,7 @@ from rich.text import Text
 from socp.cli.commands.recording import record_option, recording, recording_watch
 from socp.cli.machine import lacking
 from socp.cli.options import options_by_method
+from socp.cli.posing import load_posed, set_option
 from socp.cli.progress import progress
 from socp.cli.running import made, run_method
 from socp.cli.session import Exit, Session, messages, results, show, write_json
@@ -21,7 +22,7 @@ from socp.cli.show import facts, variations, worst
 from socp.errors import SocpError
 from socp.model import COMPARED
 from socp.process import heard, one_line, signals_held
-from socp.registry import Registry, load_problem, reason
+from socp.registry import Registry, reason
 from socp.view import signed_error, small, stated_error, switching_times, times, to_reference
 
 if TYPE_CHECKING:
@@ -72,6 +73,7 @@ class Row:
     metavar="[METHOD.]KEY=VALUE",
     help="Option of one method, or of each that has it.",
 )
+@set_option
 @record_option
 @click.option("--json", "as_json", is_flag=True, help="Write the table as JSON.")
 @click.option("--quiet", is_flag=True, help="Write no progress and no messages.")
@@ -92,7 +94,7 @@ def compare(
     chosen = [registry.method(name) for name in dict.fromkeys(names)]
     options = options_by_method(chosen, given)
     built = [made(registry, method.name, options[method.name]) for method in chosen]
-    posed = load_problem(problem, registry)
+    posed = load_posed(problem, how["changes"], registry)
     with (
         signals_held(),
         recording(session, registry, posed, how["record"], runs=len(built)) as recorder,

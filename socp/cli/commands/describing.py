@@ -1,7 +1,7 @@
 """`socp describe`: a method with its options, or a problem with its formula."""
 
 import inspect
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import MISSING
 from typing import TYPE_CHECKING, get_type_hints
 
@@ -10,10 +10,11 @@ from rich.table import Table
 from rich.text import Text
 
 from socp.cli.options import backend_name, backends, has_options
+from socp.cli.posing import load_posed, set_option
 from socp.cli.session import Exit, Session, heading, show
 from socp.errors import MethodError, ProblemError
 from socp.process import first_paragraph, short
-from socp.registry import load_problem, suggest
+from socp.registry import suggest
 
 if TYPE_CHECKING:
     from socp.methods import Method
@@ -27,9 +28,10 @@ _READ = 600  # characters of a formula that somebody may read: five lines
 
 @click.command()
 @click.argument("name", metavar="NAME")
+@set_option
 @click.option("--full", is_flag=True, help="Write formulas to their end, however long they are.")
 @click.pass_obj
-def describe(session: Session, name: str, full: bool) -> int:
+def describe(session: Session, name: str, changes: tuple[str, ...], full: bool) -> int:
     """Describe a method (its options, defaults and source) or a problem (its formula, bounds, laws
     and reference).
 
@@ -38,9 +40,11 @@ def describe(session: Session, name: str, full: bool) -> int:
     """
     registry = session.registry()
     if name in registry.methods:
+        if changes:
+            raise MethodError(f"--set: '{name}' is a method; only a problem has numbers to set")
         _method(registry.methods[name], registry)
     else:
-        _problem(name, registry, full=full)
+        _problem(name, changes, registry, full=full)
     return Exit.SOLVED
 
 
@@ -98,9 +102,9 @@ def _range(least: float | None, most: float | None) -> str:
     return f"; {', '.join(parts)}" if parts else ""
 
 
-def _problem(name: str, registry: "Registry", *, full: bool) -> None:
+def _problem(name: str, changes: Sequence[str], registry: "Registry", *, full: bool) -> None:
     try:
-        problem = load_problem(name, registry)
+        problem = load_posed(name, changes, registry)
     except ProblemError:
         known = [*registry.methods, *registry.entries]
         if name in registry.entries or "/" in name or name.endswith(".py") or ".py:" in name:

@@ -10,6 +10,7 @@ from socp.cli.commands.recording import live_option, record_option, recording, r
 from socp.cli.keeping import Place, keep
 from socp.cli.options import DEFAULT_METHOD, pairs
 from socp.cli.outcome import code, require_option
+from socp.cli.posing import load_posed, set_option
 from socp.cli.progress import progress
 from socp.cli.running import made, run_method
 from socp.cli.session import (
@@ -25,7 +26,7 @@ from socp.cli.session import (
 from socp.cli.show import facts, report
 from socp.errors import MethodError, SolveError
 from socp.process import signals_held
-from socp.registry import load_guess, load_problem
+from socp.registry import load_guess
 
 if TYPE_CHECKING:
     from socp.model import Problem, Solution
@@ -37,6 +38,7 @@ class Asked:
     """What `socp solve` was asked for."""
 
     problem: str
+    changes: tuple[str, ...]
     method: str
     options: tuple[str, ...]
     digits: int | None
@@ -63,6 +65,7 @@ class Asked:
 
 @click.command()
 @click.argument("problem", metavar="FILE_OR_NAME")
+@set_option
 @click.option(
     "-m", "--method", default=DEFAULT_METHOD, show_default=True, help="Method, see 'socp methods'."
 )
@@ -119,7 +122,7 @@ def solve(session: Session, /, **given: Any) -> int:
     registry = session.registry()
     session.complain(registry)
     method = made(registry, asked.method, [*asked.shortened(), *pairs(asked.options)])
-    problem = load_problem(asked.problem, registry)
+    problem = load_posed(asked.problem, asked.changes, registry)
     guess = _guess(asked.guess, problem) if asked.guess else default_guess(problem)
     path = writable(Path(asked.out) if asked.out else named_after(problem.name, ".socp.json"))
     with (

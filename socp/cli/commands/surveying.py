@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from socp.cli.keeping import Place, keep
+from socp.cli.posing import load_posed, set_option
 from socp.cli.progress import progress
 from socp.cli.session import (
     Exit,
@@ -24,7 +25,7 @@ from socp.cli.session import (
 )
 from socp.errors import KeepingError, SolveError
 from socp.process import signals_held
-from socp.registry import Registry, load_problem
+from socp.registry import Registry
 from socp.view import small, switching_times, times
 
 if TYPE_CHECKING:
@@ -38,15 +39,19 @@ class Named:
     """A problem by path or name, for worker processes, which load it themselves."""
 
     given: str
+    changes: tuple[str, ...]
 
     def __call__(self) -> "Problem":
         """Load the problem."""
-        return load_problem(self.given, Registry.load(only=()))
+        return load_posed(self.given, self.changes, Registry.load(only=()))
 
 
 def _output_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Add where a table and its best result go to the options of a command."""
+    """Add changes of the problem, and where a table and its best result go, to the options of a
+    command.
+    """
     for option in (
+        set_option,
         click.option("--quiet", is_flag=True, help="Write no progress and no messages."),
         click.option("--json", "as_json", is_flag=True, help="Write the table as JSON."),
         click.option(
@@ -90,12 +95,13 @@ def census(session: Session, /, **given: Any) -> int:
     from socp.study import Store, fingerprint, recipe, survey
 
     session.quiet, starts = given["quiet"], given["starts"]
-    posed = load_problem(given["problem"], session.registry(plugins=False))
+    named = Named(given["problem"], given["changes"])
+    posed = load_posed(named.given, named.changes, session.registry(plugins=False))
     check_controls(posed)
     path = writable(Path(given["out"]) if given["out"] else named_after(posed.name, ".socp.json"))
     store = Store(path.parent / named_after(posed.name, ".census"), fingerprint(posed, recipe()))
     with progress(messages(), f"{posed.name}, census", quiet=session.quiet) as watch:
-        found = survey(posed, starts, store, watch, (given["jobs"], Named(given["problem"])))
+        found = survey(posed, starts, store, watch, (given["jobs"], named))
     with signals_held():
         best, place = found.best, None
         if best is not None:
@@ -272,7 +278,7 @@ def frontier(session: Session, /, **given: Any) -> int:
     from socp.study import explore
 
     session.quiet = given["quiet"]
-    posed = load_problem(given["problem"], session.registry(plugins=False))
+    posed = load_posed(given["problem"], given["changes"], session.registry(plugins=False))
     check_controls(posed)
     path = writable(Path(given["out"]) if given["out"] else named_after(posed.name, ".socp.json"))
     most, dwell = given["most"], given["dwell"]

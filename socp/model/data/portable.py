@@ -12,6 +12,7 @@ import numpy as np
 
 from socp.errors import ProblemError
 from socp.model.data import grammar, stated
+from socp.model.data.constants import Formula, constants, planted
 from socp.model.parts import Reference, Scene
 from socp.model.ranges import interval
 from socp.model.symbols import (
@@ -68,7 +69,8 @@ def _data(problem: Mapping[str, Any], symbols: Symbols) -> Data:
     for each in ("initial_time", "final_time"):
         data[each] = list(map(stated.json_number, interval(problem[each])))
     head = {"fingerprint": stated.fingerprint(data), "name": problem["name"]}
-    return {**head, **data, "about": _about(problem, names)}
+    formula = {} if problem["formula"] is None else _formula(problem["formula"], names)
+    return {**head, **data, "about": _about(problem, names), **formula}
 
 
 def arguments(data: Mapping[str, Any]) -> Data:
@@ -97,7 +99,9 @@ def arguments(data: Mapping[str, Any]) -> Data:
         found[table] = {symbols[name]: _placed(value, nodes) for name, value in data[table].items()}
     for table in ("path", "target"):
         found[table] = {name: nodes[place] for name, place in data[table].items()}
-    return {"name": data["name"], **found, **_described(data["about"], symbols)}
+    found = {"name": data["name"], **found, **_described(data["about"], symbols)}
+    formula = data.get("formula")
+    return found if formula is None else _with_constants(found, formula, symbols)
 
 
 def expressions(problem: Mapping[str, Any]) -> Iterator[tuple[Place, Expr]]:
@@ -129,6 +133,29 @@ def _fixed(its_states: Sequence[Expr]) -> dict[str, Expr]:
     """
     starts = {stated.at_start(state.name()): initial(state) for state in its_states}
     return {"t": time, "t0": initial_time, "tf": final_time, **starts}
+
+
+def _formula(formula: Formula, symbols: Mapping[str, Expr]) -> Data:
+    """Return what was written with constants, and their values."""
+    own = {symbol.name(): symbol for symbol in formula.values}
+    nodes, places = grammar.written(list(formula.leaves.values()), {**symbols, **own})
+    found = {
+        "constants": {name: asdict(each) for name, each in formula.named.items()},
+        "nodes": nodes,
+        "places": [[list(path), k] for path, k in zip(formula.leaves, places, strict=True)],
+    }
+    return {"formula": found}
+
+
+def _with_constants(found: Data, formula: Mapping[str, Any], symbols: Mapping[str, Expr]) -> Data:
+    """Return the arguments of `Problem` with what was written with constants in its places, in new
+    symbols.
+    """
+    given = {name: tuple(each.values()) for name, each in formula["constants"].items()}
+    own = {name: constants(**{name: each}) for name, each in given.items()}
+    nodes = grammar.read(formula["nodes"], {**symbols, **own})
+    leaves = {tuple(path): nodes[place] for path, place in formula["places"]}
+    return planted(found, leaves)
 
 
 def _intervals(table: Mapping[Expr, Any]) -> Data:

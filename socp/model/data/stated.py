@@ -30,7 +30,12 @@ _SCENE = {
 _MOST = 10_000
 # Characters of a message: what is wrong is said in fewer, the rest is what a file put there
 _LONGEST = 500
-OUTSIDE = ("fingerprint", "name", "about")  # of a statement: what its fingerprint is not of
+OUTSIDE = (
+    "fingerprint",
+    "name",
+    "about",
+    "formula",
+)  # of a statement: what its fingerprint is not of
 
 
 class Record(msgspec.Struct, forbid_unknown_fields=True):
@@ -64,6 +69,24 @@ class About(Record):
 TEXTS = tuple(name for name, kind in About.__annotations__.items() if kind is str)
 
 
+class Constant(Record):
+    """A named constant."""
+
+    value: float
+    unit: str
+    text: str
+
+
+class Formula(Record):
+    """What was written with constants: their values, and expressions, of the list `nodes`, for
+    places of the problem.
+    """
+
+    constants: Annotated[dict[Name, Constant], msgspec.Meta(min_length=1)]
+    nodes: Nodes
+    places: list[tuple[list[Name], Place]]
+
+
 class Statement(Record):
     """A problem: names, intervals, and places of expressions in the list `nodes`."""
 
@@ -86,6 +109,7 @@ class Statement(Record):
     initial_time: Interval
     final_time: Interval
     about: About
+    formula: Formula | None = None  # where nothing holds constants it is not there
 
 
 def record_of(data: Any, kind: type[T]) -> T:
@@ -112,6 +136,7 @@ def check(data: Any) -> None:
         grammar.check(statement.about.nodes, known)
     except ProblemError as error:
         raise ProblemError(f"about.{error}") from error
+    _formula(statement.formula, known)
     for where, place, nodes in _places(statement):
         if place >= len(nodes):
             raise ProblemError(f"{where}: {place} where a place among {len(nodes)} nodes is needed")
@@ -119,6 +144,19 @@ def check(data: Any) -> None:
         raise ProblemError(
             "fingerprint: it is not that of the statement, which was changed after it was written"
         )
+
+
+def _formula(formula: Formula | None, known: Mapping[str, Any]) -> None:
+    """Check that a formula holds known symbols and constants alone."""
+    if formula is None:
+        return
+    both = formula.constants.keys() & known.keys()
+    if both:
+        raise ProblemError(f"formula.constants: '{min(both)}' names something else")
+    try:
+        grammar.check(formula.nodes, {**known, **formula.constants})
+    except ProblemError as error:
+        raise ProblemError(f"formula.{error}") from error
 
 
 def duplicate(names: list[str]) -> str | None:
@@ -228,12 +266,15 @@ def _texts(statement: Statement) -> None:
     """
     about = statement.about
     laws = [each for each in statement.boundary.values() if isinstance(each, dict)]
-    tables = (statement.path, statement.target, *laws)
+    constants = {} if statement.formula is None else statement.formula.constants
+    tables: list[Mapping[str, Any]] = [statement.path, statement.target, *laws, constants]
     for name in [statement.name, *names(statement), *(name for table in tables for name in table)]:
         if not name.isprintable():
             raise ProblemError(f"{name!r} where a name is needed")
     reference = [] if about.reference is None else [about.reference.word, about.reference.source]
-    for text in [*(getattr(about, each) for each in TEXTS), *about.units.values(), *reference]:
+    told = [text for each in constants.values() for text in (each.unit, each.text)]
+    texts = [getattr(about, each) for each in TEXTS]
+    for text in [*texts, *about.units.values(), *reference, *told]:
         if not all(line.isprintable() for line in text.replace("\t", " ").split("\n")):
             raise ProblemError(f"about: {text!r} has control characters")
 
@@ -269,3 +310,6 @@ def _places(statement: Statement) -> Iterator[tuple[str, int, Nodes]]:
         *((f"guess.{name}", places) for name, places in about.guess.items()),
     ]:
         yield from ((f"about.{name}", place, about.nodes) for place in places)
+    if statement.formula is not None:
+        for path, place in statement.formula.places:
+            yield f"formula.{'.'.join(path)}", place, statement.formula.nodes

@@ -1,0 +1,65 @@
+"""`socp.solve`: what `socp solve` does, in Python and without a file."""
+
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from socp.errors import MethodError
+from socp.registry.entries import suggest
+from socp.registry.loading import as_guess, load_guess, load_problem
+from socp.registry.plugins import Registry
+
+if TYPE_CHECKING:
+    from socp.methods import Method
+    from socp.model import Problem, Solution, Watch
+
+
+def solve(
+    problem: "Problem | str",
+    guess: "Solution | str | Path | None" = None,
+    method: str = "auto",
+    *,
+    watch: "Watch | None" = None,
+    **options: Any,
+) -> "Solution":
+    """Solve a problem with a method of that name and its options, and return the judged solution.
+
+    The problem may be given by name or path as well, the guess by the path of a result; without one
+    it is the problem's own. Where the guess is a solution along a word, `auto` and `lgr-multiphase`
+    go on along that word. `watch` is told of the progress. Raises ProblemError and MethodError as
+    the command does, SolveError for a guess of other states, controls or parameters.
+    """
+    from socp.methods import default_guess, run
+    from socp.model import silent
+
+    registry = _registry()
+    how = _made(registry.method(method), options)
+    posed = load_problem(problem, registry) if isinstance(problem, str) else problem
+    if guess is None:
+        start = default_guess(posed)
+    elif isinstance(guess, (str, Path)):
+        start = load_guess(str(guess), posed)
+    else:
+        start = as_guess("guess", guess, posed)
+    return run(how, posed, start, silent if watch is None else watch)
+
+
+@cache
+def _registry() -> Registry:
+    return Registry.load()
+
+
+def _made(method: "type[Method]", given: dict[str, Any]) -> "Method":
+    """Return a method with its options; MethodError names the one that it does not have, or that
+    it lacks.
+    """
+    from socp.methods import is_required, options
+
+    fields = {each.name: each for each in options(method)}
+    for name in given:
+        if name not in fields:
+            raise MethodError(f"{method.name} has no option '{name}'{suggest(name, fields)}")
+    for name, each in fields.items():
+        if is_required(each) and name not in given:
+            raise MethodError(f"{method.name} needs a value of '{name}': {name}=...")
+    return method(**given)

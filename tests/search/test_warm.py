@@ -1,0 +1,157 @@
+"""Warm starts: neighbouring problems along the word of a solution, against closed forms."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from socp import solve
+from socp.errors import MethodError, SolveError
+from socp.methods import default_guess
+from socp.model import Problem, Solution, constants, controls, final_time, states
+from socp.search import Search
+from socp.search.warm import warm_start
+
+NEWTON = "Newton on the conditions of the guess's word"
+x, v = states("x v")
+u = controls("u")
+level, rate = constants(level=0.25, rate=1)
+# x' = u, |u| <= rate, integral of (x - level)^2 from 1 to 1 in T = 4: down to the level at
+# (1 - level) / rate, along it, and up again; the objective is 2/3 (1 - level)^3 / rate
+POND = Problem(
+    name="pond",
+    running=(x - level) ** 2,
+    dynamics={x: u},
+    bounds={u: (-rate, rate)},
+    start={x: 1},
+    end={x: 1},
+    final_time=4,
+)
+
+
+@pytest.fixture(scope="module")
+def solved() -> Solution:
+    found = solve(POND, method="lgr-multiphase", word="- s +")
+    assert found.extremal
+    return found
+
+
+def close(found: Solution | None, value: float, times: list[float]) -> None:
+    assert found is not None
+    assert found.extremal
+    assert found.objective == pytest.approx(value, rel=1e-9)
+    assert np.allclose(found.switches, times, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "value", "times"),
+    [
+        ({"level": 0.3}, 2 / 3 * 0.7**3, [0.7, 3.3]),
+        ({"level": -0.4}, 2 / 3 * 1.4**3, [1.4, 2.6]),
+        ({"rate": 3}, 2 / 3 * 0.75**3 / 3, [0.25, 3.75]),
+        ({"final_time": 2}, 2 / 3 * 0.75**3, [0.75, 1.25]),
+        ({"start.x": 2}, (1.75**3 + 0.75**3) / 3, [1.75, 3.25]),
+        ({"bounds.u.upper": 0.5}, 0.75**3 / 3 * 3, [0.75, 2.5]),
+    ],
+)
+def test_a_neighbour_is_certified_by_newton(
+    solved: Solution, change: dict[str, float], value: float, times: list[float]
+) -> None:
+    search = Search()
+    found = warm_start(POND.with_(change), solved, search)
+    close(found, value, times)
+    assert found is not None
+    assert found.message == NEWTON
+    assert (search.count, [node.word for node in search.nodes]) == (0, ["u: - s +"])
+
+
+def test_an_arc_that_has_gone_is_dropped(solved: Solution) -> None:
+    """In T = 1 the level is not reached: down for half of it, and up again."""
+    search = Search()
+    found = warm_start(POND.with_(final_time=1), solved, search)
+    close(found, 2 / 3 * (0.75**3 - 0.25**3), [0.5])
+    assert search.count > 0
+
+
+def test_an_arc_that_has_come_is_inserted(solved: Solution) -> None:
+    short = warm_start(POND.with_(final_time=1), solved, Search())
+    assert short is not None
+    close(warm_start(POND, short, Search()), 2 / 3 * 0.75**3, [0.75, 3.25])
+
+
+def test_a_guess_of_free_controls_has_no_word() -> None:
+    assert warm_start(POND, default_guess(POND), Search()) is None
+
+
+def test_no_word_of_ten_leads_where_there_is_no_solution(solved: Solution) -> None:
+    assert warm_start(POND.with_({"end.x": 9}), solved, Search()) is None
+
+
+RADIUS = constants(radius=0.5)
+DISC = Problem(
+    name="disc",
+    minimise=final_time,
+    dynamics={x: v, v: u},
+    bounds={u: (-1, 1)},
+    start={x: 2, v: 0},
+    target={"near": x**2 + v**2 <= RADIUS**2},
+)
+
+
+@pytest.fixture(scope="module")
+def reached() -> Solution:
+    return solve(DISC)
+
+
+@pytest.mark.parametrize("radius", [0.3, 0.55, 0.7])
+def test_a_limit_that_is_met_at_the_end_is_met_by_the_neighbour(
+    reached: Solution, radius: float
+) -> None:
+    """A wider target leaves the old end inside: it is the multiplier that says that it is met."""
+    posed = DISC.with_(radius=radius)
+    found = warm_start(posed, reached, Search())
+    assert found is not None
+    assert found.extremal
+    assert found.message == NEWTON
+    end = found.arcs[-1].x[:, -1]
+    assert float(end @ end) == pytest.approx(radius**2, rel=1e-9)
+    close(found, solve(posed).objective, found.switches)
+
+
+def test_auto_does_not_scout_where_the_word_holds(
+    solved: Solution, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def scouted(*_: Any) -> None:
+        raise AssertionError("it scouts")
+
+    monkeypatch.setattr("socp_plugins.auto.scouts", scouted)
+    found = solve(POND.with_(level=0.5), guess=solved)
+    close(found, 2 / 3 * 0.5**3, [0.5, 3.5])
+    assert found.agreement is not None
+    assert found.iterations == 0  # what the guess had cost is not counted again
+
+
+def test_lgr_multiphase_takes_the_word_of_its_guess(solved: Solution) -> None:
+    close(solve(POND.with_(level=0.5), solved, "lgr-multiphase"), 2 / 3 * 0.5**3, [0.5, 3.5])
+    free = solve(POND, solved, "lgr-multiphase", phases=2, points=5)
+    assert [str(arc.modes[0]) for arc in free.arcs] == ["*", "*"]
+
+
+def test_solve_takes_the_names_of_the_command(solved: Solution) -> None:
+    with pytest.raises(MethodError, match="auto has no option 'second'; did you mean 'seconds'"):
+        solve(POND, second=3)
+    with pytest.raises(MethodError, match="unknown method 'aut'; did you mean 'auto'"):
+        solve(POND, method="aut")
+    with pytest.raises(SolveError, match="guess: its states are x, but those of problem 'disc'"):
+        solve(DISC, guess=solved)
+    arcs = tuple(replace(arc, x=np.full_like(arc.x, np.nan)) for arc in solved.arcs)
+    with pytest.raises(SolveError, match="guess: states or controls in it are not finite"):
+        solve(POND, guess=replace(solved, arcs=arcs))
+    named = solve("jacobson_1", method="euler-ipopt", steps=50)
+    assert (named.problem, named.options["steps"]) == ("jacobson_1", 50)
+
+
+def test_a_guess_without_a_statement_does_as_well(solved: Solution) -> None:
+    bare = replace(solved, statement=None, verdict=None)
+    close(warm_start(POND.with_(level=0.5), bare, Search()), 2 / 3 * 0.5**3, [0.5, 3.5])
