@@ -150,6 +150,7 @@ def session(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iter
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
+@pytest.mark.slow
 def test_page_runs_as_one_session(page: Path, session: Session) -> None:
     printed = ""
     for fence in fences(page):

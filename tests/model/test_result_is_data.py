@@ -88,6 +88,7 @@ def genuine(registry: Registry) -> str:
     return to_json(run(method, names["problem"], default_guess(names["problem"])))
 
 
+@pytest.mark.slow
 def test_no_other_file_is_opened_and_nothing_of_it_is_run(genuine: str, tmp_path: Path) -> None:
     here, there, cache = (tmp_path / name for name in ("here", "there", "cache"))
     for folder in (here, there, cache):

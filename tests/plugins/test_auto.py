@@ -21,18 +21,23 @@ NAMES = [
     "auv",
     "catalyst_mixing",
     "double_integrator_time",
-    "double_integrator_vlimit",
     "dubins_csc",
-    "fishery_discounted",
-    "goddard",
-    "goddard_fixed_time",
-    "goddard_vlimit",
     "jacobson_1",
-    "lotka_fishing",
-    "rayleigh_time",
-    "robot_arm",
-    "vdp_regulator",
-    pytest.param("auv_reverse", marks=pytest.mark.slow),
+    *(
+        pytest.param(name, marks=pytest.mark.slow)
+        for name in (
+            "auv_reverse",
+            "double_integrator_vlimit",
+            "fishery_discounted",
+            "goddard",
+            "goddard_fixed_time",
+            "goddard_vlimit",
+            "lotka_fishing",
+            "rayleigh_time",
+            "robot_arm",
+            "vdp_regulator",
+        )
+    ),
 ]
 
 
@@ -72,6 +77,7 @@ def test_cold_start_ends_in_the_reference_certified(registry: Registry, name: st
     assert solution.switches == pytest.approx(reference.switches, rel=0, abs=1e-7)
 
 
+@pytest.mark.slow
 def test_fuller_is_named_chattering_and_not_certified(registry: Registry) -> None:
     problem = load("fuller")
     solution = solved(registry, problem)
@@ -145,6 +151,7 @@ def test_two_controls_that_switch_at_once(registry: Registry) -> None:
     assert solution.objective == pytest.approx(2 * 3**-0.5, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_several_separated_singular_arcs(registry: Registry) -> None:
     """The path follows sin 3t where its slope is within the bounds, and leaves it where it is too
     steep.

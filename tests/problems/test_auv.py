@@ -98,6 +98,7 @@ def test_costates_along_the_word() -> None:
 COUNTS = range(6, 31, 2)
 
 
+@pytest.mark.slow
 def test_one_interval_an_arc_converges_spectrally() -> None:
     # the digits grow in proportion to the points, an algebraic order would give ever fewer for each
     digits = np.array([-np.log10(errors(along_word(points, 1))[0]) for points in COUNTS])

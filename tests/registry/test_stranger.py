@@ -110,6 +110,7 @@ def test_the_method_and_the_problem_are_listed(home: Path) -> None:
     assert problems["rocket_car"] == "Radau IIA with two points, and a rocket car."
 
 
+@pytest.mark.slow
 def test_both_are_solved_with(home: Path) -> None:
     """From rest to rest over a unit of distance with |u| <= 1: tf = 2, switch at 1."""
     found = json.loads(socp(home, "solve", "rocket_car", "-m", "radau-two", "--json"))

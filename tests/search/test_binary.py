@@ -143,6 +143,7 @@ def test_a_negative_number_of_switches_is_refused() -> None:
         binary_modes(auv, -1)
 
 
+@pytest.mark.slow
 def test_costates_are_carried_where_a_law_needs_them() -> None:
     needs = any(laws.arc_law(arm, each).costate for each in arc_modes(arm))
     phase = binary_modes(arm, 1).phases[0]

@@ -99,6 +99,7 @@ def test_horizons_are_tried_where_the_final_time_is_free() -> None:
     assert list(other_horizons(GROWTH, default_guess(GROWTH))) == []
 
 
+@pytest.mark.slow
 def test_a_horizon_far_from_its_estimate_is_met() -> None:
     """The pendulum needs five swings where the straight way is one; a coarse grid is 5 % off."""
     met = scouts_from_motions(PENDULUM, default_guess(PENDULUM))

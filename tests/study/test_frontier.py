@@ -149,6 +149,7 @@ def test_dwell_times_cost_where_they_bind() -> None:
         assert min(arc.t[-1] - arc.t[0] for arc in row.arcs) >= 0.8 - 1e-9
 
 
+@pytest.mark.slow
 def test_fuller_with_one_switch_is_a_parabola_brought_to_rest(
     fuller: tuple[Problem, Frontier],
 ) -> None:
@@ -161,6 +162,7 @@ def test_fuller_with_one_switch_is_a_parabola_brought_to_rest(
     assert not any(row.extremal for row in found.rows)
 
 
+@pytest.mark.slow
 def test_the_objectives_of_fuller_tend_to_the_closed_form(fuller: tuple[Problem, Frontier]) -> None:
     problem, found = fuller
     rows = [row for row in found.rows if row is not None]
@@ -173,6 +175,7 @@ def test_the_objectives_of_fuller_tend_to_the_closed_form(fuller: tuple[Problem,
     assert "Aitken" in summary(rows)
 
 
+@pytest.mark.slow
 def test_the_arcs_of_fuller_shorten_by_the_ratio_of_the_closed_form(
     fuller: tuple[Problem, Frontier],
 ) -> None:
@@ -184,6 +187,7 @@ def test_the_arcs_of_fuller_shorten_by_the_ratio_of_the_closed_form(
     assert length_ratios(found.rows[2]) == []
 
 
+@pytest.mark.slow
 def test_no_limit_without_a_geometric_sequence(fuller: tuple[Problem, Frontier]) -> None:
     _, found = fuller
     assert limit(found.rows[:2]) is None
