@@ -110,7 +110,8 @@ class Auto(Method):
         return limit_switches(problem, found, self.max_switches, watch, self.backend)
 
     def _search(self) -> Search:
-        return Search(backend=Ration(backend=along_words(self.backend)), seconds=self.seconds)
+        ration = Ration(backend=along_words(self.backend, near=True))
+        return Search(backend=ration, seconds=self.seconds)
 
     def _first(
         self,

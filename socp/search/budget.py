@@ -26,7 +26,7 @@ class Round:
 
     finer: times the steps of the first grids; work: iterations times variables; words: tried;
     iterations: along one word, of which a right one may take thousands where its laws carry
-    costates; share: of the time that is left.
+    costates; share: of the time that is left; near: whether words are solved as from nearby.
     """
 
     finer: int
@@ -34,10 +34,12 @@ class Round:
     words: int
     iterations: int
     share: float
+    near: bool
 
 
-# each four times as fine as the one before and some ten times its work: time ends them, not these
-ROUNDS = (Round(4, 1e7, 120, 1000, 0.6), Round(16, 1e8, 240, 5000, 1.0))
+# each four times as fine as the one before and some ten times its work: time ends them, not these.
+# What words near their guesses have not led to is left to the last
+ROUNDS = (Round(4, 1e7, 120, 1000, 0.6, near=True), Round(16, 1e8, 240, 5000, 1.0, near=False))
 # Of the time allowed: what the search leaves for what concludes it, the best direct solution on
 # finer grids and the words of fewer switches of one that chatters
 _CONCLUDING = 0.2
@@ -87,7 +89,7 @@ def escalate(
             or not any(each.stop.ok for each in directs)
         ):
             break
-        patient = along_words(backend, more.iterations)
+        patient = along_words(backend, more.iterations, near=more.near)
         search.begin(Ration(more.work, patient), more.words, more.finer * steps)
         told = _staged(watch, f"round {number} of {len(ROUNDS) + 1}")
         with time_limit(seconds_left() * more.share):

@@ -18,13 +18,12 @@ _SPROUT = 0.02
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """A word to try: its arcs with their edges in time, and the solution whose states are the
-    guess. `near` tells that this one is the word's own but for arcs without length.
+    guess.
     """
 
     arcs: tuple[Modes, ...]
     edges: tuple[float, ...]
     source: Solution
-    near: bool = False
 
     @classmethod
     def of(cls, solution: Solution, arcs: Sequence[Modes]) -> Self:

@@ -3,7 +3,6 @@ is wrong.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import pairwise, product
 
 import numpy as np
@@ -24,7 +23,7 @@ def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Ca
     shortest = SHORTEST * (now.edges[-1] - now.edges[0])
     gone = [k for k, (a, b) in enumerate(pairwise(now.edges)) if b - a <= shortest]
     if gone:
-        yield replace(merged(without_short_arcs(now, shortest)), near=True)
+        yield merged(without_short_arcs(now, shortest))
     yield from (_dropped(now, place) for place in _slack(solution))
     if gone:
         yield from (_swapped(now, k) for k in gone if 0 < k < len(now.arcs) - 1)

@@ -144,29 +144,15 @@ def _late(problem: Problem, direct: Solution, search: Search) -> Iterator[list[C
 
 def solve_word(problem: Problem, now: Candidate, backend: Ration, watch: Watch) -> Solution | None:
     """Solve along a candidate's word; None where there is no such programme."""
-    word = Word(problem.control_names, now.arcs)
+    word, follower = Word(problem.control_names, now.arcs), Follower(longer=False, backend=backend)
     try:
-        solution = _along(problem, now, word, backend, watch)
+        solution = follow_word(problem, word, now.guess(), follower, watch)
     except (MethodError, SolveError):
         return None
     if not solution.stop.ok:
         return solution
     judged = certified(problem, solution)
     return _settled(problem, _sharpened(problem, word, judged, backend, watch))
-
-
-def _along(problem: Problem, now: Candidate, word: Word, backend: Ration, watch: Watch) -> Solution:
-    """Solve along a candidate's word, where its guess is near from there first: a large barrier
-    leads away from it, and not always back.
-    """
-    guess = now.guess()
-    if now.near:
-        close = Ration(backend.left, backend.backend.nearby())
-        solution = follow_word(problem, word, guess, Follower(longer=False, backend=close), watch)
-        backend.left = close.left
-        if solution.stop.ok or solution.stop is Stop.INTERRUPTED:
-            return solution
-    return follow_word(problem, word, guess, Follower(longer=False, backend=backend), watch)
 
 
 def _settled(problem: Problem, solution: Solution) -> Solution:
