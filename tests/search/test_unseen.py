@@ -43,6 +43,22 @@ ESCAPE = Problem(
     final_time=5,
 )
 
+SUBSTRATE, BIOMASS, PRODUCT, VOLUME = states("S X P V")
+RATE = SUBSTRATE / (0.2 + SUBSTRATE + SUBSTRATE**2)
+FED = Problem(
+    name="fed",
+    minimise=-PRODUCT * VOLUME,
+    dynamics={
+        BIOMASS: RATE * BIOMASS - u / VOLUME * BIOMASS,
+        SUBSTRATE: -2 * RATE * BIOMASS + u / VOLUME * (10 - SUBSTRATE),
+        PRODUCT: 0.5 * BIOMASS * SUBSTRATE / (0.1 + SUBSTRATE + 4 * SUBSTRATE**2)
+        - (0.05 + u / VOLUME) * PRODUCT,
+        VOLUME: u,
+    },
+    bounds={u: (0, 1), VOLUME: (None, 5)},
+    start={BIOMASS: 1, SUBSTRATE: 0.2, PRODUCT: 0, VOLUME: 2},
+)
+
 
 def auto(problem: Problem, watch=None, **options) -> Solution:  # noqa: ANN001, ANN003
     method = Registry.load().method("auto")(**options)
@@ -115,6 +131,17 @@ def test_nothing_more_is_tried_without_time_and_it_is_said() -> None:
     assert search.late
     assert search.grids == []
     assert len(hand) == 1
+
+
+@pytest.mark.slow
+def test_a_fed_batch_at_a_free_time_is_certified() -> None:
+    """Its law is stiff: from a large barrier its word is not found again, from its own solution
+    neither.
+    """
+    found = auto(FED)
+    assert found.extremal
+    assert found.objective == pytest.approx(-10.23765295, rel=1e-9)
+    assert str(found.word) == "u: - s -"
 
 
 @pytest.mark.slow
