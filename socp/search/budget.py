@@ -45,6 +45,8 @@ ROUNDS = (Round(4, 1e7, 120, 1000, 0.6, near=True), Round(16, 1e8, 240, 5000, 1.
 _CONCLUDING = 0.2
 # Of the time allowed, at most: coarse grids may show none but wrong words, without end
 _FIRST = 0.25
+# The same of scouting: what has been met by then leaves time for a word
+_SCOUTING = _FIRST / 2.0
 _STARTS = 3  # solutions in hand from which a round starts; others are worse
 # Relative: a grid whose control takes the states further from what it claims has not followed the
 # motion, and is no start
@@ -56,9 +58,11 @@ _ITERATIONS = 500  # what a direct solve has not reached by then it hardly ever 
 _MOTIONS = 3  # those that keep best to the box; other horizons are the scouts' concern
 
 
-def time_shares(seconds: float) -> tuple[float, float]:
-    """Return how much of the time allowed goes into the whole search, and into its first round."""
-    return (1.0 - _CONCLUDING) * seconds, _FIRST * seconds
+def time_shares(seconds: float) -> tuple[float, float, float]:
+    """Return how much of the time allowed goes into the whole search, into its first round, and of
+    this into scouting.
+    """
+    return (1.0 - _CONCLUDING) * seconds, _FIRST * seconds, _SCOUTING * seconds
 
 
 def escalate(

@@ -2,6 +2,8 @@
 that ends in its time.
 """
 
+import sys
+
 import numpy as np
 import pytest
 from casadi import sin
@@ -131,6 +133,27 @@ def test_nothing_more_is_tried_without_time_and_it_is_said() -> None:
     assert search.late
     assert search.grids == []
     assert len(hand) == 1
+
+
+def test_what_scouting_met_is_gone_on_from_where_its_round_has_no_time_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    regulator = Problem(
+        name="regulator",
+        running=x**2,
+        dynamics={x: u},
+        bounds={u: (-1, 1)},
+        start={x: 1},
+        final_time=2,
+    )
+    met = scouts(regulator, default_guess(regulator), 1)
+    plugin = sys.modules[Registry.load().method("auto").__module__]
+    monkeypatch.setattr(plugin, "time_shares", lambda _: (60.0, 0.0, 0.0))
+    monkeypatch.setattr(plugin, "scouts", lambda *_: met)
+    monkeypatch.setattr("socp.search.budget.scouts_from_motions", None)  # for where nothing is met
+    found = auto(regulator)
+    assert found.extremal
+    assert found.objective == pytest.approx(1 / 3, rel=1e-9)
 
 
 @pytest.mark.slow
