@@ -9,13 +9,13 @@ from itertools import islice
 from typing import final
 
 from socp.errors import SolveError
-from socp.methods import motions, scouts_from_motions, solve_collocated, solve_unscaled
+from socp.methods import motions, scouts_from_motions, solve_directly
 from socp.model import Problem, Solution, Stop, Watch, silent
 from socp.process import seconds_left, time_limit
 from socp.search.effort import Ration, Search, along_words, off, precedes
 from socp.search.refinement import refine
 from socp.solvers import Backend
-from socp.transcription import Mesh, euler, knotted, radau_iia, single_phase
+from socp.transcription import Mesh, euler, knotted, radau_iia
 from socp.verdict import chattering, verify
 
 
@@ -167,12 +167,7 @@ def _shown(
         if seconds_left() <= 0.0:
             return
         try:
-            phased = single_phase(problem)
-            direct = solve_collocated(phased, [mesh], how[1], start, watch)
-            if not (
-                direct.stop.ok or direct.stop is Stop.INTERRUPTED
-            ):  # other magnitudes, another way
-                direct = solve_unscaled(phased, [mesh], how[1], start, watch)
+            direct = solve_directly(problem, mesh, how[1], start, watch)
         except SolveError:
             continue
         if direct.stop is Stop.INTERRUPTED:

@@ -3,19 +3,21 @@ that ends in its time.
 """
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from casadi import sin
 
 from socp import Problem, Solution, controls, default_guess, final_time, run, states
-from socp.methods import motions, scouts, scouts_from_motions
+from socp.methods import motions, scouts, scouts_from_motions, solve_directly
 from socp.methods.driving import horizons, other_horizons
-from socp.model import Progress, Stop
+from socp.model import Progress, Stop, Watch
 from socp.process import seconds_left, time_limit
 from socp.registry import Registry
 from socp.search import Search, escalate
-from socp.solvers import Ipopt
+from socp.solvers import NLP, Ipopt, NLPPoint
+from socp.transcription import euler, uniform
 
 x, v, i, s = states("x v i s")
 u = controls("u")
@@ -123,6 +125,35 @@ def test_a_horizon_far_from_its_estimate_is_met() -> None:
     assert met[0].final_time == pytest.approx(5.70060832624, rel=0.06)
 
 
+class OwnUnits:
+    """A solver that solves programmes in the problem's own units alone."""
+
+    def within(self, _: float) -> "OwnUnits":
+        return self
+
+    limited = within
+
+    def __call__(self, nlp: NLP, guess: NLPPoint, watch: Watch) -> NLPPoint:
+        return Ipopt()(nlp, guess, watch) if nlp.unit == 1.0 else replace(guess, stop=Stop.FAILED)
+
+
+def test_where_magnitudes_lead_nowhere_the_own_units_are_tried() -> None:
+    """From rest to rest in a time of 2 sqrt(40)."""
+    line = Problem(
+        name="line",
+        minimise=final_time,
+        dynamics={x: v, v: u},
+        bounds={u: (-1, 1)},
+        start={x: 0, v: 0},
+        end={x: 40, v: 0},
+    )
+    guess = default_guess(line)
+    assert scouts(line, guess, 1, backend=OwnUnits())[0].objective == pytest.approx(160**0.5, 1e-2)
+    mesh = uniform(euler(), 40)
+    found = solve_directly(line, mesh, OwnUnits(), guess)
+    assert found.objective == pytest.approx(160**0.5, rel=0.1)
+
+
 # -- rounds
 
 
@@ -150,7 +181,7 @@ def test_what_scouting_met_is_gone_on_from_where_its_round_has_no_time_left(
     plugin = sys.modules[Registry.load().method("auto").__module__]
     monkeypatch.setattr(plugin, "time_shares", lambda _: (60.0, 0.0, 0.0))
     monkeypatch.setattr(plugin, "scouts", lambda *_: met)
-    monkeypatch.setattr("socp.search.budget.scouts_from_motions", None)  # for where nothing is met
+    monkeypatch.setattr("socp.search.budget.scouts_from_motions", lambda *_: [])
     found = auto(regulator)
     assert found.extremal
     assert found.objective == pytest.approx(1 / 3, rel=1e-9)
