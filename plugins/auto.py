@@ -16,8 +16,10 @@ from socp import (
     hookimpl,
     option,
     silent,
+    single_phase,
+    solve_collocated,
 )
-from socp.methods import scouts, solve_directly
+from socp.methods import scouts
 from socp.model import Stop
 from socp.process import time_limit
 from socp.search import (
@@ -129,7 +131,7 @@ class Auto(Method):
                 return start
             shown: list[Solution] = []
             for mesh in meshes(problem, self.steps):
-                direct = solve_directly(problem, mesh, backend, start, watch)
+                direct = solve_collocated(single_phase(problem), [mesh], backend, start, watch)
                 directs.append(direct)
                 if direct.stop is Stop.INTERRUPTED:
                     return search.best or direct

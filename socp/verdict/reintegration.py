@@ -106,9 +106,9 @@ def objective_of(
     magnitude.
 
     The motion is times (n,), states (nx, n) and controls (nu, n) from start to end, with the
-    integral of the running cost. The magnitude is the sum of all terms by absolute value, but no
-    less than a share of what they change by when every state changes by its own: a cost that the
-    best motion takes to zero is not measured by its rounding.
+    integral of the running cost. The magnitude is the sum of all terms by absolute value, and of
+    what they change by when every state changes by its own: a cost that the best motion takes to
+    zero is not measured by its rounding.
     """
     (t, x, u), p = motion, parameters_of(problem, solution)
     ends = solution.initial_time, solution.final_time
@@ -121,17 +121,13 @@ def objective_of(
         return evaluate(cost, states, u, t, p)[0].ravel()
 
     value = running + float(last(x[:, -1])[0])
-    own = _total(t, np.abs(within(x))) + abs(value - running)
-    most = _total(t, magnitude(within, x, scale[:, None])) + magnitude(last, x[:, -1], scale)[0]
-    size = max(own, _LEAST * float(most))
+    terms = magnitude(within, x, scale[:, None])
+    size = float(
+        np.sum(0.5 * (terms[1:] + terms[:-1]) * np.diff(t)) + magnitude(last, x[:, -1], scale)[0]
+    )
     off = abs(solution.objective - value)
     # nan is far from everything
     return value, off / max(size, TINY) if off == off else np.inf  # noqa: PLR0124
-
-
-def _total(t: np.ndarray, values: np.ndarray) -> float:
-    """Return the integral of values (n,) along times (n,)."""
-    return float(np.sum(0.5 * (values[1:] + values[:-1]) * np.diff(t)))
 
 
 def running_size(problem: Problem, solution: Solution) -> float:
@@ -145,9 +141,6 @@ def running_size(problem: Problem, solution: Solution) -> float:
 
 
 RTOL = 1e-10  # of DOP853; what is compared with it is seldom better than 1e-9
-# Of what an objective changes by with its states: one per cent of an objective as large as this is
-# seen, and 1e-6 of it is still above what DOP853 leaves
-_LEAST = 1e-2
 # Points looked at in every step: a parabola, which takes DOP853 one step, hides 1/400 of its height
 # there
 _LOOKS = 20
