@@ -96,28 +96,30 @@ class Auto(Method):
         self, problem: Problem, guess: Solution, known: tuple[Search, list[Solution]], watch: Watch
     ) -> Solution:
         search, directs = known
-        whole, first = time_shares(self.seconds)
+        whole, first, scouting = time_shares(self.seconds)
         with time_limit(whole):
             found = warm_start(problem, guess, search, watch)
             if found is not None:
                 return found
             with time_limit(first):
-                search.scouted = scouted(problem, guess, self.starts, watch, self.backend)
+                with time_limit(scouting):
+                    search.scouted = scouted(problem, guess, self.starts, watch, self.backend)
                 met = search.scouted.solutions
                 stopped = self._first(problem, [*met, guess], known, watch)
             if stopped is not None:
                 return stopped
+            directs += met
             other = guess if self.starts else None
             escalate(problem, search, directs, (other, self.steps, self.backend), watch)
-        hand = [*directs, *met]
-        pursue(problem, search, hand, watch)
+        pursue(problem, search, directs, watch)
         if self.starts:
-            outdo(problem, search, hand, watch, self.backend)
-        found = conclude(problem, search, hand, watch)
+            outdo(problem, search, directs, watch, self.backend)
+        found = conclude(problem, search, directs, watch)
         return limit_switches(problem, found, self.max_switches, watch, self.backend)
 
     def _search(self) -> Search:
-        return Search(backend=Ration(backend=along_words(self.backend)), seconds=self.seconds)
+        ration = Ration(backend=along_words(self.backend, near=True))
+        return Search(backend=ration, seconds=self.seconds)
 
     def _first(
         self,

@@ -10,7 +10,7 @@ from .contract import option as option
 from .contract import option_range as option_range
 from .contract import options as options
 from .contract import solve_collocated as solve_collocated
-from .contract import solve_unscaled as solve_unscaled
+from .contract import solve_directly as solve_directly
 from .direct import Scouted as Scouted
 from .direct import scouted as scouted
 from .direct import scouts as scouts

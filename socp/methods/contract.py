@@ -15,7 +15,7 @@ from socp.errors import MethodError
 from socp.model import Problem, Progress, Solution, Stop, Watch, is_number, silent
 from socp.process import one_thread, shown
 from socp.solvers import NLP, NLPPoint, Reduced, Solver
-from socp.transcription import Mesh, PhasedProblem, collocate
+from socp.transcription import Mesh, PhasedProblem, collocate, single_phase
 
 LARGEST = 100_000  # steps, points or arcs: programmes of more do not fit into memory
 WANTED = {int: "a whole number", float: "a number", bool: "true or false", str: "a text"}  # by type
@@ -136,17 +136,17 @@ def solve_collocated(
     return solution
 
 
-def solve_unscaled(
-    phased: PhasedProblem,
-    meshes: Sequence[Mesh],
-    backend: Solver,
-    guess: Solution,
-    watch: Watch = silent,
+def solve_directly(
+    problem: Problem, mesh: Mesh, backend: Solver, guess: Solution, watch: Watch = silent
 ) -> Solution:
-    """Do what `solve_collocated` does, once, with everything in the problem's own units: another
-    way to a solution where magnitudes lead nowhere.
+    """Solve a problem in one phase of free controls as `solve_collocated` does; where that fails,
+    with everything in the problem's own units: another way, where magnitudes lead nowhere.
     """
-    return _attempt(phased, meshes, backend, guess, watch, scaled=False)
+    phased = single_phase(problem)
+    solution = solve_collocated(phased, [mesh], backend, guess, watch)
+    if solution.stop.ok or solution.stop is Stop.INTERRUPTED:
+        return solution
+    return _attempt(phased, [mesh], backend, guess, watch, scaled=False).after(solution)
 
 
 def _attempt(

@@ -4,8 +4,9 @@ which one is best.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import chain, islice
-from typing import final
+from typing import TypeAlias, final
 
 from socp.errors import SolveError
 from socp.methods.contract import lifting_watch
@@ -13,7 +14,7 @@ from socp.methods.driving import motions, other_horizons
 from socp.methods.guess import scattered_guesses
 from socp.model import Problem, Solution, Stop, Watch, silent
 from socp.process import seconds_left
-from socp.solvers import Backend, default_backend
+from socp.solvers import NLP, Backend, NLPPoint, Reduced, default_backend
 from socp.transcription import collocate, knotted, radau_iia, single_phase
 
 _STEPS = 20  # intervals: the extremals of a problem differ by more than these are off
@@ -25,6 +26,8 @@ _ALIKE = 1e-3
 # Starts that end in the best extremal known before it is believed to be the best, and no fewer than
 # in all others: where starts end in many, a better one may be among those not met yet
 _MET = 3
+
+_Programme: TypeAlias = Reduced[NLP, Solution, NLPPoint]
 
 
 @final
@@ -84,12 +87,23 @@ def scouts_from_motions(
 
 @final
 class _Scouting:
-    """Coarse solves from guesses, on one programme; it ends with the time allowed."""
+    """Coarse solves from guesses, on one programme, and as long as that leads nowhere on the same
+    in the problem's own units; it ends with the time allowed.
+    """
 
     def __init__(self, problem: Problem, guess: Solution, watch: Watch) -> None:
-        mesh = knotted(problem, radau_iia(2), _STEPS)
-        self.reduced = collocate(single_phase(problem), [mesh], guess)
-        self.watch = lifting_watch(watch, self.reduced)
+        self.problem, self.guess, self.watch = problem, guess, watch
+        self.mesh = knotted(problem, radau_iia(2), _STEPS)
+
+    @cached_property
+    def scaled(self) -> _Programme:
+        """The programme in magnitudes near the guess."""
+        return collocate(single_phase(self.problem), [self.mesh], self.guess)
+
+    @cached_property
+    def unscaled(self) -> _Programme:
+        """The programme in the problem's own units."""
+        return collocate(single_phase(self.problem), [self.mesh], None)
 
     def all(self, guesses: Iterator[Solution], backend: Backend) -> Scouted:
         """Return the extremals met, or an interrupted solve alone."""
@@ -99,10 +113,10 @@ class _Scouting:
             if seconds_left() <= 0.0:
                 break
             tried += 1
-            try:
-                point = backend(self.reduced.problem, self.reduced.push(start), self.watch)
-                found = self.reduced.lift(point)
-            except SolveError:
+            found = self._solved(self.scaled, start, backend)
+            if not met and not (found and (found.stop.ok or found.stop is Stop.INTERRUPTED)):
+                found = self._solved(self.unscaled, start, backend)
+            if found is None:
                 continue
             if found.stop is Stop.INTERRUPTED:
                 return Scouted(((found, 0),), tried)
@@ -111,6 +125,14 @@ class _Scouting:
             if met and met[0][1] >= max(_MET, sum(count for _, count in met[1:])):
                 break
         return Scouted(tuple(met), tried)
+
+    def _solved(self, programme: _Programme, start: Solution, backend: Backend) -> Solution | None:
+        """Solve a programme from a start; None where that cannot be."""
+        watch = lifting_watch(self.watch, programme)
+        try:
+            return programme.lift(backend(programme.problem, programme.push(start), watch))
+        except SolveError:
+            return None
 
 
 def _guesses(problem: Problem, guess: Solution) -> Iterator[Solution]:

@@ -9,13 +9,13 @@ from itertools import islice
 from typing import final
 
 from socp.errors import SolveError
-from socp.methods import motions, scouts_from_motions, solve_collocated, solve_unscaled
+from socp.methods import motions, scouts_from_motions, solve_directly
 from socp.model import Problem, Solution, Stop, Watch, silent
 from socp.process import seconds_left, time_limit
 from socp.search.effort import Ration, Search, along_words, off, precedes
 from socp.search.refinement import refine
 from socp.solvers import Backend
-from socp.transcription import Mesh, euler, knotted, radau_iia, single_phase
+from socp.transcription import Mesh, euler, knotted, radau_iia
 from socp.verdict import chattering, verify
 
 
@@ -26,7 +26,7 @@ class Round:
 
     finer: times the steps of the first grids; work: iterations times variables; words: tried;
     iterations: along one word, of which a right one may take thousands where its laws carry
-    costates; share: of the time that is left.
+    costates; share: of the time that is left; near: whether words are solved as from nearby.
     """
 
     finer: int
@@ -34,15 +34,19 @@ class Round:
     words: int
     iterations: int
     share: float
+    near: bool
 
 
-# each four times as fine as the one before and some ten times its work: time ends them, not these
-ROUNDS = (Round(4, 1e7, 120, 1000, 0.6), Round(16, 1e8, 240, 5000, 1.0))
+# each four times as fine as the one before and some ten times its work: time ends them, not these.
+# What words near their guesses have not led to is left to the last
+ROUNDS = (Round(4, 1e7, 120, 1000, 0.6, near=True), Round(16, 1e8, 240, 5000, 1.0, near=False))
 # Of the time allowed: what the search leaves for what concludes it, the best direct solution on
 # finer grids and the words of fewer switches of one that chatters
 _CONCLUDING = 0.2
 # Of the time allowed, at most: coarse grids may show none but wrong words, without end
 _FIRST = 0.25
+# The same of scouting: what has been met by then leaves time for a word
+_SCOUTING = _FIRST / 2.0
 _STARTS = 3  # solutions in hand from which a round starts; others are worse
 # Relative: a grid whose control takes the states further from what it claims has not followed the
 # motion, and is no start
@@ -54,9 +58,11 @@ _ITERATIONS = 500  # what a direct solve has not reached by then it hardly ever 
 _MOTIONS = 3  # those that keep best to the box; other horizons are the scouts' concern
 
 
-def time_shares(seconds: float) -> tuple[float, float]:
-    """Return how much of the time allowed goes into the whole search, and into its first round."""
-    return (1.0 - _CONCLUDING) * seconds, _FIRST * seconds
+def time_shares(seconds: float) -> tuple[float, float, float]:
+    """Return how much of the time allowed goes into the whole search, into its first round, and of
+    this into scouting.
+    """
+    return (1.0 - _CONCLUDING) * seconds, _FIRST * seconds, _SCOUTING * seconds
 
 
 def escalate(
@@ -87,7 +93,7 @@ def escalate(
             or not any(each.stop.ok for each in directs)
         ):
             break
-        patient = along_words(backend, more.iterations)
+        patient = along_words(backend, more.iterations, near=more.near)
         search.begin(Ration(more.work, patient), more.words, more.finer * steps)
         told = _staged(watch, f"round {number} of {len(ROUNDS) + 1}")
         with time_limit(seconds_left() * more.share):
@@ -161,12 +167,7 @@ def _shown(
         if seconds_left() <= 0.0:
             return
         try:
-            phased = single_phase(problem)
-            direct = solve_collocated(phased, [mesh], how[1], start, watch)
-            if not (
-                direct.stop.ok or direct.stop is Stop.INTERRUPTED
-            ):  # other magnitudes, another way
-                direct = solve_unscaled(phased, [mesh], how[1], start, watch)
+            direct = solve_directly(problem, mesh, how[1], start, watch)
         except SolveError:
             continue
         if direct.stop is Stop.INTERRUPTED:

@@ -2,7 +2,7 @@
 is left open.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -212,13 +212,21 @@ def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -
     ]
     if not worth:
         return judge(problem, min(directs, key=lambda each: each.objective)) if directs else None
-    worth.sort(key=lambda each: each.arcs[0].t.size)  # the finer, the longer it takes
-    best = _first(
-        [_verified(problem, each) for k, each in enumerate(worth) if k == 0 or seconds_left() > 0.0]
-    )
-    found = [finer(best, mesh) for mesh in finer.meshes]
+    worth.sort(key=lambda each: -each.arcs[0].t.size)  # coarse ones miss most of what they claim
+    best = _first([_verified(problem, each) for each in _while_time(worth)])
+    found = [finer(best, mesh) for mesh in finer.meshes if seconds_left() > 0.0]
     solved = [best, *(each for each in found if each is not None and each.stop.ok)]
-    return _first([judge(problem, each) for each in solved])
+    if seconds_left() <= 0.0:  # the judge needs some of it for every one
+        return judge(problem, _first([_verified(problem, each) for each in solved]))
+    return _first([judge(problem, each) for each in _while_time(solved)])
+
+
+def _while_time(solutions: Sequence[Solution]) -> Iterator[Solution]:
+    """Yield the first one, and others as long as time is left."""
+    for k, each in enumerate(solutions):
+        if k and seconds_left() <= 0.0:
+            return
+        yield each
 
 
 def _first(solutions: Sequence[Solution]) -> Solution:

@@ -22,9 +22,16 @@ _TOLERANCE = 1e-11  # along words: what is certified should not be off by the so
 _ITERATIONS = 300  # a right word takes tens; a wrong one should not take thousands
 
 
-def along_words(backend: Backend | None = None, iterations: int = _ITERATIONS) -> Backend:
-    """Return a backend, or the default one, as it solves along the words of a search."""
-    return (backend or default_backend()).within(_TOLERANCE).limited(iterations)
+def along_words(
+    backend: Backend | None = None, iterations: int = _ITERATIONS, *, near: bool = False
+) -> Backend:
+    """Return a backend, or the default one, as it solves along the words of a search.
+
+    near: for guesses near the solution, as what a right word is read off or mended from is: a large
+    barrier would lead away from it, and where laws are stiff not back again.
+    """
+    found = (backend or default_backend()).within(_TOLERANCE).limited(iterations)
+    return found.nearby() if near else found
 
 
 @final
@@ -33,7 +40,7 @@ class Ration:
     """A backend that stops when the work allowed in all, iterations times variables, is done."""
 
     left: float = _WORK
-    backend: Backend = field(default_factory=along_words)
+    backend: Backend = field(default_factory=lambda: along_words(near=True))
 
     def __call__(self, nlp: NLP, guess: NLPPoint, watch: Watch = silent) -> NLPPoint:
         """Solve with as many iterations as are left; without any the point is the guess, at its

@@ -22,9 +22,10 @@ def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Ca
     now = Candidate.of(solution, tried.arcs)
     shortest = SHORTEST * (now.edges[-1] - now.edges[0])
     gone = [k for k, (a, b) in enumerate(pairwise(now.edges)) if b - a <= shortest]
-    yield from (_dropped(now, place) for place in _slack(solution))
     if gone:
         yield merged(without_short_arcs(now, shortest))
+    yield from (_dropped(now, place) for place in _slack(solution))
+    if gone:
         yield from (_swapped(now, k) for k in gone if 0 < k < len(now.arcs) - 1)
     yield from _outside(problem, now)
     yield from _violated(problem, now)

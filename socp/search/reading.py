@@ -1,5 +1,5 @@
 """Hidden arcs: bangs shorter than a step of the grid, found by how far they carry a control off its
-singular law.
+singular or boundary law.
 """
 
 from collections.abc import Iterable
@@ -32,8 +32,8 @@ Stretch = tuple[str, float, float]  # of one control: its mode, start and end
 
 
 def with_hidden_bangs(problem: Problem, first: Candidate) -> Candidate:
-    """Return a candidate with a bang arc wherever a control leaves its singular law at an end of
-    its stretch.
+    """Return a candidate with a bang arc wherever a control leaves its singular or boundary law at
+    an end of its stretch.
 
     The integral of the deviation over the interval there, over how far the bang is off the law, is
     the length of the arc. A neighbouring bang of the same sign explains a deviation by itself: its
@@ -43,7 +43,7 @@ def with_hidden_bangs(problem: Problem, first: Candidate) -> Candidate:
     for i in range(len(problem.control_names)):
         edges = control_stretches(first, i)
         for k, (mode, a, b) in enumerate(edges):
-            if mode != "s":
+            if mode in "+-":
                 continue
             beside = (edges[k - 1][0] if k else "", edges[k + 1][0] if k + 1 < len(edges) else "")
             for t, bang in _bangs(problem, first, i, (a, b)):
@@ -73,7 +73,7 @@ def _joined(stretches: Iterable[Stretch]) -> list[Stretch]:
 def _bangs(
     problem: Problem, given: Candidate, i: int, span: tuple[float, float]
 ) -> list[tuple[float, str]]:
-    """Return the ends of a singular stretch of control i at which it deviates clearly, with the
+    """Return the ends of a stretch of control i along a law at which it deviates clearly, with the
     bound it goes to.
     """
     t, off = _deviations(problem, given, i, span)

@@ -6,7 +6,7 @@ import casadi
 import numpy as np
 import pytest
 
-from socp import Problem, Solution, controls, states
+from socp import Problem, Solution, controls, default_guess, solve_collocated, states
 from socp.model.arc import Arc
 from socp.model.findings import Condition, Feasibility, Finding, Place, Verdict
 from socp.model.solution import Stop
@@ -16,8 +16,10 @@ from socp.search.candidate import Candidate, insert, merged
 from socp.search.conclusion import explanation
 from socp.search.effort import Ration, Search
 from socp.search.mending import mends
-from socp.search.reading import candidate, read
+from socp.search.reading import candidate, read, with_hidden_bangs
+from socp.solvers import default_backend
 from socp.solvers.contract import NLP, NLPPoint
+from socp.transcription import euler, single_phase, uniform
 from socp.verdict.junctions import chattering
 
 x, y = states("x y")
@@ -105,6 +107,26 @@ def test_a_burst_at_the_start_is_read_from_its_integral() -> None:
 
 def test_what_a_solver_leaves_off_a_bound_is_no_burst() -> None:
     assert spelt(read(problem, held([-1] * 5 + [-0.99] + [-1] * 6, [2] * 12))) == ["- +"]
+
+
+def test_a_bang_shorter_than_a_step_is_found_before_a_boundary_arc() -> None:
+    """With v' = 40 u the limit 1 is 0.025 away from rest, a quarter of a step, in which a grid's
+    control is a quarter of its bound.
+    """
+    x, v, u = *states("x v"), controls("u")
+    problem = Problem(
+        name="limit",
+        minimise=-x,
+        dynamics={x: v, v: 40 * u},
+        bounds={u: (-1, 1), v: (None, 1)},
+        start={x: 0, v: 0},
+        final_time=2,
+    )
+    direct = solve_collocated(
+        single_phase(problem), [uniform(euler(), 20)], default_backend(), default_guess(problem)
+    )
+    found = with_hidden_bangs(problem, read(problem, direct))
+    assert spelt(found) == ["+", "b[v.upper]"]
 
 
 def test_reading_takes_fast_flutter_for_a_singular_arc() -> None:

@@ -2,18 +2,22 @@
 that ends in its time.
 """
 
+import sys
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from casadi import sin
 
 from socp import Problem, Solution, controls, default_guess, final_time, run, states
-from socp.methods import motions, scouts, scouts_from_motions
+from socp.methods import motions, scouts, scouts_from_motions, solve_directly
 from socp.methods.driving import horizons, other_horizons
-from socp.model import Progress, Stop
+from socp.model import Progress, Stop, Watch
 from socp.process import seconds_left, time_limit
 from socp.registry import Registry
 from socp.search import Search, escalate
-from socp.solvers import Ipopt
+from socp.solvers import NLP, Ipopt, NLPPoint
+from socp.transcription import euler, uniform
 
 x, v, i, s = states("x v i s")
 u = controls("u")
@@ -41,6 +45,22 @@ ESCAPE = Problem(
     bounds={u: (0, 1)},
     start={x: 1},
     final_time=5,
+)
+
+SUBSTRATE, BIOMASS, PRODUCT, VOLUME = states("S X P V")
+RATE = SUBSTRATE / (0.2 + SUBSTRATE + SUBSTRATE**2)
+FED = Problem(
+    name="fed",
+    minimise=-PRODUCT * VOLUME,
+    dynamics={
+        BIOMASS: RATE * BIOMASS - u / VOLUME * BIOMASS,
+        SUBSTRATE: -2 * RATE * BIOMASS + u / VOLUME * (10 - SUBSTRATE),
+        PRODUCT: 0.5 * BIOMASS * SUBSTRATE / (0.1 + SUBSTRATE + 4 * SUBSTRATE**2)
+        - (0.05 + u / VOLUME) * PRODUCT,
+        VOLUME: u,
+    },
+    bounds={u: (0, 1), VOLUME: (None, 5)},
+    start={BIOMASS: 1, SUBSTRATE: 0.2, PRODUCT: 0, VOLUME: 2},
 )
 
 
@@ -106,6 +126,35 @@ def test_a_horizon_far_from_its_estimate_is_met() -> None:
     assert met[0].final_time == pytest.approx(5.70060832624, rel=0.06)
 
 
+class OwnUnits:
+    """A solver that solves programmes in the problem's own units alone."""
+
+    def within(self, _: float) -> "OwnUnits":
+        return self
+
+    limited = within
+
+    def __call__(self, nlp: NLP, guess: NLPPoint, watch: Watch) -> NLPPoint:
+        return Ipopt()(nlp, guess, watch) if nlp.unit == 1.0 else replace(guess, stop=Stop.FAILED)
+
+
+def test_where_magnitudes_lead_nowhere_the_own_units_are_tried() -> None:
+    """From rest to rest in a time of 2 sqrt(40)."""
+    line = Problem(
+        name="line",
+        minimise=final_time,
+        dynamics={x: v, v: u},
+        bounds={u: (-1, 1)},
+        start={x: 0, v: 0},
+        end={x: 40, v: 0},
+    )
+    guess = default_guess(line)
+    assert scouts(line, guess, 1, backend=OwnUnits())[0].objective == pytest.approx(160**0.5, 1e-2)
+    mesh = uniform(euler(), 40)
+    found = solve_directly(line, mesh, OwnUnits(), guess)
+    assert found.objective == pytest.approx(160**0.5, rel=0.1)
+
+
 # -- rounds
 
 
@@ -116,6 +165,38 @@ def test_nothing_more_is_tried_without_time_and_it_is_said() -> None:
     assert search.late
     assert search.grids == []
     assert len(hand) == 1
+
+
+def test_what_scouting_met_is_gone_on_from_where_its_round_has_no_time_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    regulator = Problem(
+        name="regulator",
+        running=x**2,
+        dynamics={x: u},
+        bounds={u: (-1, 1)},
+        start={x: 1},
+        final_time=2,
+    )
+    met = scouts(regulator, default_guess(regulator), 1)
+    plugin = sys.modules[Registry.load().method("auto").__module__]
+    monkeypatch.setattr(plugin, "time_shares", lambda _: (60.0, 0.0, 0.0))
+    monkeypatch.setattr(plugin, "scouts", lambda *_: met)
+    monkeypatch.setattr("socp.search.budget.scouts_from_motions", lambda *_: [])
+    found = auto(regulator)
+    assert found.extremal
+    assert found.objective == pytest.approx(1 / 3, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_a_fed_batch_at_a_free_time_is_certified() -> None:
+    """Its law is stiff: from a large barrier its word is not found again, from its own solution
+    neither.
+    """
+    found = auto(FED)
+    assert found.extremal
+    assert found.objective == pytest.approx(-10.23765295, rel=1e-9)
+    assert str(found.word) == "u: - s -"
 
 
 @pytest.mark.slow
