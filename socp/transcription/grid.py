@@ -136,7 +136,8 @@ class Terms:
         to one another, enter the rows by entries `out`, rows, places among the values and factors,
         and the objective by `cost` (ny K,).
         """
-        count = max(each.k.size if isinstance(each, Moments) else each.shape[1] for each in given)
+        sizes = [each.k.size if isinstance(each, Moments) else each.shape[1] for each in given]
+        count = max(sizes) if all(sizes) else 0
         weights = np.zeros(point.y.numel() * count) if cost is None else cost
         if count and point.y.numel():
             self.found.append((point, count, self._linear(given, count), out, weights))

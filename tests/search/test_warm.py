@@ -125,7 +125,7 @@ def test_auto_does_not_scout_where_the_word_holds(
     def scouted(*_: Any) -> None:
         raise AssertionError("it scouts")
 
-    monkeypatch.setattr("socp_plugins.auto.scouts", scouted)
+    monkeypatch.setattr("socp_plugins.auto.scouted", scouted)
     found = solve(POND.with_(level=0.5), guess=solved)
     close(found, 2 / 3 * 0.5**3, [0.5, 3.5])
     assert found.agreement is not None

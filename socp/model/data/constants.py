@@ -107,7 +107,7 @@ def formula_of(arguments: Mapping[str, Any], known: Formula | None) -> Formula |
         if known is not None and value is known.fields.get(name):
             leaves |= {path: leaf for path, leaf in known.leaves.items() if path[0] == name}
         else:
-            leaves |= dict(_leaves(value, (name,)))
+            leaves |= {(name, *inner): found for inner, found in _leaves(value)}
     if not leaves:
         return None
     used = {symbol for leaf in leaves.values() for symbol in casadi.symvar(leaf)}
@@ -145,14 +145,15 @@ def _parts(value: Any) -> dict[Any, Any]:
     return {}
 
 
-def _leaves(value: Any, path: Path) -> Iterator[tuple[Path, Expr]]:
-    """Yield (place, expression) of all that holds constants."""
+def _leaves(value: Any) -> Iterator[tuple[Path, Expr]]:
+    """Yield (place, expression) of all that holds constants; other keys are not even looked at."""
     if isinstance(value, casadi.SX):
         if any(role(symbol) == "constant" for symbol in casadi.symvar(value)):
-            yield path, value
+            yield (), value
         return
     for key, part in _parts(value).items():
-        yield from _leaves(part, (*path, str(key)))
+        for inner, found in _leaves(part):
+            yield (str(key), *inner), found
 
 
 def _planted(value: Any, path: Path, leaf: Any) -> Any:
