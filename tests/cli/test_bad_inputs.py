@@ -752,6 +752,7 @@ def test_signs_of_formulas_do_not_double() -> None:
     assert formula(y + (-0.02 * x) * y) == "y - 0.02*x*y"
 
 
+@pytest.mark.slow
 def test_a_long_formula_is_cut_unless_all_is_asked_for(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -116,6 +116,7 @@ def test_derivatives_of_a_certified_result(capsys: pytest.CaptureFixture[str]) -
     assert "'mass' is no datum of the problem; there are start.x" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_rung_that_is_required_sets_the_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
     along = ["solve", "cart.py", "-m", "lgr-multiphase", "-o", "word=+ -"]
     assert main([*along, "--require", "strong"]) == 0

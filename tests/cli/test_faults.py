@@ -130,6 +130,7 @@ SOLVING = {
 @pytest.mark.parametrize("times", [1, 5])
 @pytest.mark.parametrize("number", SIGNALS, ids=lambda number: number.name)
 @pytest.mark.parametrize("moment", SOLVING)
+@pytest.mark.slow
 def test_a_solve_that_is_interrupted_keeps_what_it_has(
     moment: str,
     number: signal.Signals,
@@ -221,6 +222,7 @@ OTHERS = {
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
 @pytest.mark.parametrize("case", OTHERS)
+@pytest.mark.slow
 def test_other_commands_that_are_interrupted_keep_what_they_have(
     case: str, number: signal.Signals, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -569,6 +569,7 @@ def hostile(here: Path) -> Path:
     return here.parent
 
 
+@pytest.mark.slow
 def test_no_text_of_a_problem_steers(socp: Command, hostile: Path) -> None:
     said = socp("solve", "a[red]b.py", "-m", "trapezoidal", "-o", "steps=20")
     (result,) = Path().glob("*.socp.json")

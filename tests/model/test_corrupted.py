@@ -418,6 +418,7 @@ FORGED: dict[str, Callable[[Document], None]] = {
 
 
 @pytest.mark.parametrize("forgery", FORGED)
+@pytest.mark.slow
 def test_forgeries_are_not_certified(forgery: str, genuine: dict[str, str], check: Any) -> None:
     for text in genuine.values():
         document = json.loads(text)

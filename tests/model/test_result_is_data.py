@@ -201,6 +201,7 @@ def test_an_own_problem_needs_no_file_afterwards(
     }
 
 
+@pytest.mark.slow
 def test_a_changed_copy_of_a_registered_problem_is_judged_as_itself(
     registry: Registry,
     tmp_path: Path,

@@ -173,6 +173,7 @@ def test_several_separated_singular_arcs(registry: Registry) -> None:
         assert solution.at(t)[0] == pytest.approx(np.sin(3 * t), abs=1e-7)
 
 
+@pytest.mark.slow
 def test_an_arc_of_a_ten_thousandth_of_the_horizon(registry: Registry) -> None:
     """From 0.01 off the line 1 + t/5 with a speed of -10: met after 0.01 / 10.2; costates of
     1e-5.
@@ -204,6 +205,7 @@ def test_a_free_initial_time(registry: Registry) -> None:
     assert solved(registry, problem).extremal
 
 
+@pytest.mark.slow
 def test_what_cannot_be_reached_is_said_to_be_infeasible(registry: Registry) -> None:
     """Rest to rest over 1 takes a time of 2 with these thrusts."""
     solution = solved(registry, rest(1.0))

@@ -48,6 +48,7 @@ def right(problem: Problem, solution: Solution) -> None:
         pytest.param({"switches": "5", "points": 20}, marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.slow
 def test_the_vehicle_cold(registry: Registry, options: dict[str, object]) -> None:
     problem = load("auv")
     solution = solved(registry, problem, **options)
@@ -72,6 +73,7 @@ def test_three_switches_are_too_few_for_the_vehicle_and_the_arc_is_named(
     assert "its shortest arc is r: + from t = 0 to 0.0490" in solution.message
 
 
+@pytest.mark.slow
 def test_too_few_switches_are_said_to_be_too_few(registry: Registry) -> None:
     solution = solved(registry, load("catalyst_mixing"), switches="1")
     assert not solution.extremal

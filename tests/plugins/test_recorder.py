@@ -439,6 +439,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_meanwhile_is_one_line_and_the_result_is_kept(tmp_path: Path) -> None:
     result, path = tmp_path / "result.json", tmp_path / "a.rrd"
     words = [
@@ -543,6 +544,7 @@ def test_a_program_that_is_no_viewer_is_not_taken_for_one() -> None:
             viewer.ready(other.getsockname()[1])
 
 
+@pytest.mark.slow
 def test_rerun_turned_off_is_one_line(tmp_path: Path) -> None:
     words = [
         "solve",

@@ -113,6 +113,7 @@ def test_one_interval_an_arc_converges_spectrally() -> None:
     assert late > 0.8 * early
 
 
+@pytest.mark.slow
 def test_the_table_over_points_reaches_nine_digits_at_24() -> None:
     found = {points: errors(along_word(points, 1)) for points in COUNTS}
     assert found[22][0] > 1e-9

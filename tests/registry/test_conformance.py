@@ -27,11 +27,13 @@ QUICK = {  # method -> options that keep the suite quick
 
 
 @pytest.mark.parametrize("name", OWN)
+@pytest.mark.slow
 def test_our_own_methods_conform(name: str, registry: Registry) -> None:
     assert_conforms(registry.methods[name](**QUICK.get(name, {})))
 
 
 @pytest.mark.parametrize("name", OWN)
+@pytest.mark.slow
 def test_a_stationary_point_of_the_infeasibility_is_never_called_solved(
     name: str, registry: Registry
 ) -> None:

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import pytest
+
 from socp import default_guess
 from socp.methods import Scouted
 from socp.model import Met
@@ -28,6 +30,7 @@ def test_extremals_of_other_objectives_are_told_once() -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_default_method_counts_its_starts() -> None:
     registry = Registry.load()
     problem = registry.problem("jacobson_1")

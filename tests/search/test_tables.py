@@ -26,6 +26,7 @@ def found(problem: Problem) -> Solution:
     return run(Registry.load().method("auto")(seconds=600.0), problem, default_guess(problem))
 
 
+@pytest.mark.slow
 def test_a_store_is_filled_just_before_the_price_jumps() -> None:
     # the demand of the second hour, 1, is bought in the last half hour of the first: 1/2 + 3/2 for
     # what is bought at price 1, and a store of area 1/4 + 1/2 at 0.1

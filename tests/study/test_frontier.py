@@ -228,6 +228,7 @@ def test_numbers_out_of_range_are_refused(certified: Solution, most: int, dwell:
 # -- the command
 
 
+@pytest.mark.slow
 def test_frontier_prints_a_table_and_writes_the_best(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -200,6 +200,7 @@ NEXT_DOOR = [
 @pytest.mark.parametrize(
     ("name", "change"), NEXT_DOOR, ids=lambda each: getattr(each, "__name__", each)
 )
+@pytest.mark.slow
 def test_a_solution_of_a_problem_next_door_claims_no_more_than_is_true(
     name: str, change: Callable[..., Problem], by: float, exact: Callable[[str], Solution]
 ) -> None:

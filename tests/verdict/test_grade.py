@@ -121,6 +121,7 @@ def test_the_stated_error_covers_the_true_one(name: str, grid: str) -> None:
     assert error + rounding >= abs(solution.reached - truth)
 
 
+@pytest.mark.slow
 def test_the_stated_error_is_of_the_order_of_the_true_one() -> None:
     quotients = []
     for name in REGISTERED:
@@ -198,6 +199,7 @@ def test_weak_duality_on_convex_problems(name: str, shape: str) -> None:
 
 @pytest.mark.parametrize("shape", shapes(np.linspace(0, 1, 3)))
 @pytest.mark.parametrize("name", ["vdp_regulator", "lotka_fishing", "jacobson_1", "control_cost"])
+@pytest.mark.slow
 def test_a_control_of_no_extremal_is_not_near_one(name: str, shape: str) -> None:
     """Held off its optimum, interior though not singular, or rough: feasible, but no more."""
     problem = truths()[name][0]

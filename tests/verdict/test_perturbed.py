@@ -68,6 +68,7 @@ def ended(problem: Problem, controls: np.ndarray, lengths: np.ndarray) -> np.nda
         pytest.param("robot_arm", 200, marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.slow
 def test_no_variation_is_faster(name: str, count: int) -> None:
     problem = import_module(f"socp_problems.{name}").problem
     word = Word.parse(WORDS[name], problem.control_names)

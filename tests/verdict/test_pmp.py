@@ -170,6 +170,7 @@ def test_distance_is_a_lower_bound(auv: Problem) -> None:
     assert EXTREMAL < verdict.distance <= verdict.residual * (1 + 1e-9)
 
 
+@pytest.mark.slow
 def test_a_ringing_control_is_named(auv: Problem) -> None:
     from socp.transcription.mesh import uniform as mesh
     from socp.transcription.phases import single_phase

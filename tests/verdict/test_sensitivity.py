@@ -87,6 +87,7 @@ def test_derivatives_as_a_method_and_as_a_dataset() -> None:
     assert every.to_xarray().states.shape == (len(every), 0, 2)
 
 
+@pytest.mark.slow
 def test_a_boundary_arc_in_closed_form() -> None:
     """From rest over 10 with |u| <= 1 and v <= V = 2: switches at V and 10 / V, Tf = 10 / V + V;
     with force F they are V / F, 10 / V and Tf = 10 / V + V / F.

@@ -85,6 +85,7 @@ LOOKS: list[tuple[str, dict[str, Any]]] = [
 
 
 @pytest.mark.parametrize(("name", "look"), LOOKS, ids=str)
+@pytest.mark.slow
 def test_no_text_covers_another_or_leaves_the_page(
     name: str, look: dict[str, Any], solved: Solved
 ) -> None:
