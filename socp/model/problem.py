@@ -146,8 +146,12 @@ class Problem:
     def statement(self) -> Mapping[str, Any]:
         """The problem as data, as result files carry it; ProblemError names an operation that has
         no spelling.
+
+        What was written with constants is left out where it would be read back as another problem:
+        casadi simplifies equal parts of an expression, which may change the last bit of a number.
         """
-        return portable.written(vars(self), self.symbols)
+        found = portable.written(vars(self), self.symbols)
+        return found if _is_read_back(found) else {k: v for k, v in found.items() if k != "formula"}
 
     @property
     def fingerprint(self) -> str:
@@ -334,7 +338,15 @@ class Problem:
 )  # symbols are never forgotten: the same statement read again gives the same problem
 def _restored(text: str) -> Problem:
     statement = json.loads(text)
-    problem = Problem(**portable.arguments(statement))
-    if problem.formula is not None and problem.fingerprint != statement["fingerprint"]:
+    if not _is_read_back(statement):
         raise ProblemError("formula: with its constants' values it is another problem")
-    return problem
+    return Problem(**portable.arguments(statement))
+
+
+def _is_read_back(statement: Mapping[str, Any]) -> bool:
+    """Tell whether the formula of a statement, where there is one, gives what it states."""
+    if "formula" not in statement:
+        return True
+    again = Problem(**portable.arguments(statement))
+    fingerprint = portable.written(vars(again), again.symbols)["fingerprint"]
+    return bool(fingerprint == statement["fingerprint"])

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from casadi import cos, tanh
+from casadi import cos, sqrt, tanh
 
 from socp.errors import ProblemError
 from socp.model.data.constants import Constant, constants
@@ -172,3 +172,20 @@ def test_a_formula_that_was_changed_by_hand_is_refused(spoil: Any, said: str) ->
     with pytest.raises(ProblemError) as refused:
         Problem.from_statement(data)
     assert said in str(refused.value)
+
+
+def test_a_formula_that_reads_back_otherwise_leaves_the_numbers() -> None:
+    """A square of a root is simplified where its parts are one, and differs in the last bit."""
+    k, m = constants(k=1.2, m=1.7)
+    spring = Problem(
+        name="spring",
+        running=x**2,
+        dynamics={x: v, v: a - sqrt(k / m) * sqrt(k / m) * x},
+        bounds={a: (-1, 1)},
+        start={x: 1, v: 0},
+        final_time=3,
+    )
+    assert "formula" not in spring.statement
+    again = Problem.from_statement(spring.statement)
+    assert again.fingerprint == spring.fingerprint
+    assert copy.deepcopy(spring).fingerprint == spring.fingerprint
