@@ -48,6 +48,9 @@ WORDS = {
 }
 FAST = ("jacobson_1", "catalyst_mixing", "double_integrator_time")
 NAMES = [pytest.param(name, marks=[] if name in FAST else pytest.mark.slow) for name in WORDS]
+# where no solve of a word that has no solution takes long
+HEAVY = ("auv_reverse", "robot_arm", "goddard_vlimit")
+LIGHT = [each for each in NAMES if each.values[0] not in HEAVY]
 
 
 @cache
@@ -98,7 +101,7 @@ def test_the_right_one_is_certified_with_no_more_digits_than_it_has(name: str) -
         assert true <= estimate + 1e-8 * solution.final_time
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", LIGHT)
 @pytest.mark.parametrize("share", [pytest.param(1e-2, marks=pytest.mark.slow), 1e-4])
 def test_a_moved_switch(name: str, share: float) -> None:
     """Every switch moved by a share of the horizon, all else solved for again."""
@@ -110,7 +113,7 @@ def test_a_moved_switch(name: str, share: float) -> None:
         refused(held(name, word, parts, arc, parts[arc]), f"switch {arc + 1} moved by {step}")
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", LIGHT)
 def test_a_superfluous_arc(name: str) -> None:
     """A bang arc of a thousandth of the horizon between any two, all else solved for again."""
     problem, word, solution = right(name)

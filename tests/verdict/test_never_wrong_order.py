@@ -93,7 +93,7 @@ SOON = ("jacobson_1", "fishery_discounted")
 @pytest.mark.parametrize(
     ("name", "count"),
     [(name, 30) for name in SOON]
-    + [pytest.param(name, 200, marks=pytest.mark.slow) for name in WORDS],
+    + [pytest.param(name, 80, marks=pytest.mark.slow) for name in WORDS],
 )
 def test_no_other_lengths_of_a_word_do_better(name: str, count: int) -> None:
     """Random changes of arc lengths, times and free states of sizes 1e-1 to 1e-4, brought back onto
