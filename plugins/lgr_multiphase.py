@@ -102,7 +102,7 @@ class LgrMultiphase(Method):
         """Return the word to solve along, None where controls are free."""
         if self.word:
             return Word.parse(self.word, problem.control_names)
-        if self.phases or not all(arc.lawful for arc in guess.arcs):
+        if self.phases or not guess.lawful:
             return None
         return Word(problem.control_names, tuple(arc.modes for arc in guess.arcs))
 

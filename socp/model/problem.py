@@ -151,7 +151,9 @@ class Problem:
         casadi simplifies equal parts of an expression, which may change the last bit of a number.
         """
         found = portable.written(vars(self), self.symbols)
-        return found if _is_read_back(found) else {k: v for k, v in found.items() if k != "formula"}
+        if "formula" in found and _read_back(found) is None:
+            return {k: v for k, v in found.items() if k != "formula"}
+        return found
 
     @property
     def fingerprint(self) -> str:
@@ -338,15 +340,17 @@ class Problem:
 )  # symbols are never forgotten: the same statement read again gives the same problem
 def _restored(text: str) -> Problem:
     statement = json.loads(text)
-    if not _is_read_back(statement):
+    problem = _read_back(statement)
+    if problem is None:
         raise ProblemError("formula: with its constants' values it is another problem")
-    return Problem(**portable.arguments(statement))
+    return problem
 
 
-def _is_read_back(statement: Mapping[str, Any]) -> bool:
-    """Tell whether the formula of a statement, where there is one, gives what it states."""
-    if "formula" not in statement:
-        return True
-    again = Problem(**portable.arguments(statement))
-    fingerprint = portable.written(vars(again), again.symbols)["fingerprint"]
-    return bool(fingerprint == statement["fingerprint"])
+def _read_back(statement: Mapping[str, Any]) -> Problem | None:
+    """Return the problem of a statement, None where its formula gives another than it states."""
+    problem = Problem(**portable.arguments(statement))
+    if problem.formula is not None:
+        own = portable.written(vars(problem), problem.symbols)
+        if own["fingerprint"] != statement["fingerprint"]:
+            return None
+    return problem

@@ -107,6 +107,11 @@ class Solution:
         return (f"{told} reached by the control, re-integrated", f"{own} claimed by the method")
 
     @property
+    def lawful(self) -> bool:
+        """Whether a law holds on every arc: then it follows a word."""
+        return all(arc.lawful for arc in self.arcs)
+
+    @property
     def initial_time(self) -> float:
         """Time at which the first arc begins."""
         return float(self.arcs[0].t[0])

@@ -94,7 +94,7 @@ class Search:
         start is worth it where it is a solution along a word that is already better.
         """
         value, source = self.solved.get(now.key), now.source
-        if value is None or not all(arc.lawful for arc in source.arcs):
+        if value is None or not source.lawful:
             return value is not None
         return not source.objective < value - _BETTER * abs(value)
 

@@ -27,7 +27,7 @@ def warm_start(
     multipliers that fit them best. Where it does not settle, or on no extremal, the word is solved
     by collocation and mended.
     """
-    if not all(arc.lawful for arc in guess.arcs):
+    if not guess.lawful:
         return None
     learn(problem, guess)
     found = _neighbour(problem, guess)

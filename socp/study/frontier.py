@@ -295,7 +295,7 @@ def _beam(trials: _Trials, modes: Sequence[Modes], start: Solution) -> None:
     """Solve the words that come of the start's, and of the best found, until none of them does
     better.
     """
-    own = all(arc.lawful for arc in start.arcs)
+    own = start.lawful
     seed = word_of(start) if own else read(trials.problem, start)
     for mode in modes:
         trials.solve(Candidate((mode,), (seed.edges[0], seed.edges[-1]), seed.source))

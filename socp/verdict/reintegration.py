@@ -141,7 +141,7 @@ def verify(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
 def _both(solution: Solution, problem: Problem) -> tuple[Feasibility, ...]:
     as_time = [pieces_in_time(arc) for arc in solution.arcs]
     found = [_verify(problem, solution, as_time, feedback=False)]
-    if all(arc.lawful for arc in solution.arcs):
+    if solution.lawful:
         p = parameters_of(problem, solution)
         try:
             as_feedback = [[piece_of_law(problem, arc, p)] for arc in solution.arcs]

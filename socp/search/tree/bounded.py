@@ -166,7 +166,7 @@ class BoundedSearch:
         branching.nodes += found.nodes
         if not found.stop.ok and found.stop is not Stop.LIMIT:
             return
-        if all(arc.lawful for arc in found.arcs):
+        if found.lawful:
             branching.verify(shortened(word_of(found), SHORTEST), watch)
 
     # -- what is left to say
