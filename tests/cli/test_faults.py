@@ -1082,7 +1082,7 @@ def test_ctrl_c_five_times_is_130_and_no_traceback(gap: float, tmp_path: Path) -
         "-m",
         "euler-ipopt",
         "-o",
-        "steps=10000",
+        "steps=3000",
         "-o",
         "ipopt.tol=1e-13",
         cwd=tmp_path,

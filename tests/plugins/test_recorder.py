@@ -678,7 +678,7 @@ def test_many_iterations_are_written_in_batches(tmp_path: Path) -> None:
 def test_ten_thousand_steps(tmp_path: Path) -> None:
     registry = Registry.load()
     problem = registry.problem("jacobson_1")
-    solution = run(registry.method("trapezoidal")(steps=10_000), problem, default_guess(problem))
+    solution = run(registry.method("euler-ipopt")(steps=10_000), problem, default_guess(problem))
     path = tmp_path / "long.rrd"
     recorder = registry.recorder(problem, path)
     recorder.finish(problem, solution)

@@ -300,7 +300,7 @@ def test_bonmin_finds_the_word_of_the_auv() -> None:
 
 @pytest.mark.slow
 def test_scip_proves_a_bound_of_the_auv() -> None:
-    found = minlp(auv, "scip", 4, 4, 50.0, default_guess(auv))
+    found = minlp(auv, "scip", 4, 4, 25.0, default_guess(auv))
     bound = found.nodes[0].bound
     assert 0.0 <= (found.objective - bound) / found.objective <= 0.08
     assert f"proved lower bound of the discretised problem {bound:.9g}" in found.message
@@ -324,6 +324,6 @@ def test_decompositions_end_with_their_status(solver: str) -> None:
 
 @pytest.mark.slow
 def test_gdpopt_ends_with_a_point_of_the_auv() -> None:
-    found = minlp(auv, "gdpopt", 4, 8, 45.0, default_guess(auv))
+    found = minlp(auv, "gdpopt", 4, 8, 25.0, default_guess(auv))
     assert found.nodes[0].word
     assert found.objective < 15.0

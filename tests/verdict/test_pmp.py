@@ -26,7 +26,7 @@ from socp.model.data.files import from_json, to_json
 from socp.model.tolerances import EXTREMAL, FEASIBLE
 from socp.transcription.schemes import lgr
 
-SHARP = Ipopt({"tol": 1e-11})
+SHARP = Ipopt({"tol": 1e-11, "max_iter": 200})
 
 
 def solved(

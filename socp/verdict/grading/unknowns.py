@@ -212,14 +212,15 @@ class Unknowns:
         matrix += self._sparse(-slopes.ravel(), rows[at[inner] - 1].ravel(), columns, n * nx)
         return Form(-np.append(maps[:, :, nx].ravel(), self.mayer[0]), matrix)
 
-    def switching(self, looks: tuple[int, ...]) -> Form:
-        """Return the switching functions at some nodes of every piece, (n, looks, nu) in a row."""
-        at, nx = list(looks), self.scale.size
-        G, maps = self.pieces.values["G"][:, at], self.pieces.maps[:, at]
-        lines = np.einsum("kdxu,kdxy->kduy", G, maps)
+    def switching(self, looks: tuple[int, ...], pieces: np.ndarray) -> Form:
+        """Return the switching functions at some nodes of some pieces, (pieces, looks, nu) in a
+        row.
+        """
+        at, nx = np.ix_(pieces, np.array(looks)), self.scale.size
+        lines = np.einsum("kdxu,kdxy->kduy", self.pieces.values["G"][at], self.pieces.maps[at])
         rows = np.arange(lines[..., 0].size).reshape(lines.shape[:-1])
-        offset = self.pieces.values["L1"][:, at] + lines[..., nx]
-        matrix = self._along(lines[..., :nx], lines[..., nx + 1 :], rows, rows.size)
+        offset = self.pieces.values["L1"][at] + lines[..., nx]
+        matrix = self._along(lines[..., :nx], lines[..., nx + 1 :], rows, rows.size, pieces)
         return Form(offset.ravel(), matrix)
 
     def tied(self) -> Iterator[Free]:
@@ -310,15 +311,22 @@ class Unknowns:
         return table
 
     def _along(
-        self, costate: np.ndarray, density: np.ndarray, rows: np.ndarray, m: int
+        self,
+        costate: np.ndarray,
+        density: np.ndarray,
+        rows: np.ndarray,
+        m: int,
+        pieces: np.ndarray | None = None,
     ) -> csr_array:
         """Return the matrix of forms in the costate at the end of a piece (n, .., nx) and in the
-        densities on it (n, .., nc), whose rows are `rows` (n, ..).
+        densities on it (n, .., nc), whose rows are `rows` (n, ..); of all pieces, or of `pieces`.
         """
-        n, nx, deep = self.pieces.count, self.scale.size, [1] * (rows.ndim - 1)
-        own = np.arange(n * nx).reshape(n, *deep, nx)
+        some = np.arange(self.pieces.count) if pieces is None else pieces
+        nx, deep = self.scale.size, [1] * (rows.ndim - 1)
+        own = (some[:, None] * nx + np.arange(nx)).reshape(some.size, *deep, nx)
+        held = self._columns[some].reshape(some.size, *deep, -1)
         matrix = csr_array((m, self.first[-1]))
-        for each, columns in ((costate, own), (density, self._columns.reshape(n, *deep, -1))):
+        for each, columns in ((costate, own), (density, held)):
             row, column = np.broadcast_arrays(rows[..., None], columns)
             matrix = matrix + self._sparse(each.ravel(), row.ravel(), column.ravel(), m)
         return matrix

@@ -16,6 +16,8 @@ from socp.verdict.grading.unknowns import Free, Unknowns
 _SECONDS = 10.0  # for the programme: that of a thousand pieces along a boundary takes a few
 # nodes of a piece at which the programme looks: over the step of a grid a gain hardly bends
 _LOOKS = (1, 3)
+# over which it sums gains: a costate bends over the horizon, not over a step of a grid of thousands
+_STRETCHES = 1000
 
 
 @final
@@ -77,13 +79,17 @@ class _Programme:
 
 def _programme(unknowns: Unknowns, unit: np.ndarray, frees: list[Free], size: float) -> _Programme:
     """Return the programme in the unknowns over their unit and in the gains, in the objective's:
-    those of every control at every node looked at, then those of what is free.
+    those of every control on every stretch, by the switching functions in its middle, then those
+    of what is free.
     """
     pieces, columns, (low, high) = unknowns.pieces, diags_array(unit), unknowns.problem.box
-    sigma, adjoint = unknowns.switching(_LOOKS), unknowns.adjoint()
-    length = np.repeat(np.diff(pieces.edges), len(_LOOKS) * low.size) / len(_LOOKS)
+    starts = np.unique(np.linspace(0, pieces.count, _STRETCHES + 1, dtype=int)[:-1])
+    middle = (starts + np.append(starts[1:], pieces.count)) // 2
+    sigma, adjoint = unknowns.switching(_LOOKS, middle), unknowns.adjoint()
+    length = np.diff(pieces.edges)[:, None, None] / len(_LOOKS)
     u = pieces.u[:, list(_LOOKS)]
-    scaled = [(sigma, length * (u - bound).ravel() / size, 0) for bound in (low, high)]
+    off = [np.add.reduceat(length * (u - bound), starts).ravel() for bound in (low, high)]
+    scaled = [(sigma, each / size, 0) for each in off]
     for k, each in enumerate(frees, start=sigma.offset.size):
         scaled += [(each.slope, np.array([far / size]), k) for far in (each.down, -each.up)]
     gains, lines, right = sigma.offset.size + len(frees), [], []
