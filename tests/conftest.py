@@ -14,7 +14,9 @@ from hypothesis import HealthCheck, settings
 from socp.registry.plugins import Registry
 
 # how long an example takes, or is drawn, depends on what else is running
-settings.register_profile("socp", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "socp", max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("socp")
 
 Install = Callable[..., None]

@@ -427,6 +427,7 @@ def test_a_problem_with_nothing_to_decide_is_not_solved(
     assert str(caught.value).startswith(f"problem 'toy': {message}")
 
 
+@pytest.mark.slow
 def test_a_linear_solver_that_ends_the_process_is_refused_by_name() -> None:
     """Which ones are there depends on the installation; MUMPS is part of it, and this one nobody
     has.
@@ -770,6 +771,7 @@ def test_replacing_a_part_of_a_problem_still_works() -> None:
     assert dataclasses.replace(Problem(**sound()), final_time=3).final_time_box == (3.0, 3.0)
 
 
+@pytest.mark.slow
 def test_threads_of_a_file_do_not_keep_the_command(here: Path) -> None:
     endless = (
         "import threading, time\ndef f():\n    while True: "

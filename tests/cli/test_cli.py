@@ -67,6 +67,7 @@ def test_solve_reports_on_stdout_and_writes_the_result(socp: Command) -> None:
     assert f"u: {saved.switches[0]:.12g}" in said.out
 
 
+@pytest.mark.slow
 def test_solve_compares_with_the_reference(socp: Command) -> None:
     said = socp(
         "solve", "auv", "-m", "trapezoidal", "-o", "steps=200", "--json"
@@ -78,6 +79,7 @@ def test_solve_compares_with_the_reference(socp: Command) -> None:
     assert "objective +" in socp("solve", AUV, "-m", "trapezoidal", "-o", "steps=200").out
 
 
+@pytest.mark.slow
 def test_a_point_that_misses_its_conditions_is_no_answer(socp: Command) -> None:
     """Sixty steps of implicit Euler: the solver is content, but the control, re-integrated, ends
     one tenth away.
@@ -96,6 +98,7 @@ def test_a_point_that_misses_its_conditions_is_no_answer(socp: Command) -> None:
     assert found["value"] > 1
 
 
+@pytest.mark.slow
 def test_strict_takes_an_extremal_alone(socp: Command) -> None:
     grid = ["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=40"]
     assert "an answer: a feasible point, not certified" in socp(*grid).out
@@ -105,6 +108,7 @@ def test_strict_takes_an_extremal_alone(socp: Command) -> None:
     assert "an answer: an extremal, certified" in socp(*exact).out
 
 
+@pytest.mark.slow
 def test_solve_takes_a_guess_an_output_and_a_name_in_a_file(socp: Command) -> None:
     Path("two.py").write_text(FILE.replace("problem = ", "other = "))
     assert (
@@ -128,6 +132,7 @@ def test_solve_takes_a_guess_an_output_and_a_name_in_a_file(socp: Command) -> No
     assert load("second.json").method == "trapezoidal"
 
 
+@pytest.mark.slow
 def test_no_acceptable_solution_is_exit_1_and_still_written(socp: Command) -> None:
     said = socp("solve", "cart.py", "-m", "euler-ipopt", "-o", "ipopt.max_iter=1")
     assert said.code == 1
@@ -426,6 +431,7 @@ def test_describe_a_method(socp: Command) -> None:
     assert "ipopt.NAME=VALUE sets any of its own options" in said.out
 
 
+@pytest.mark.slow
 def test_describe_a_problem_in_its_own_symbols(socp: Command) -> None:
     said = socp("describe", "auv")
     for text in (
@@ -539,6 +545,7 @@ def test_compare_goes_on_where_one_method_cannot(socp: Command) -> None:
     assert "warning: lgr-multiphase: " in said.err
 
 
+@pytest.mark.slow
 def test_a_narrow_terminal_gets_the_table_turned(
     socp: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -168,6 +168,7 @@ def test_json_and_nothing_else(
         assert "Number of nonzeros in equality constraint" in said.err
 
 
+@pytest.mark.slow
 def test_check_of_what_is_not_certified(socp: Command, loud: list[str]) -> None:
     socp(*ROUGH)
     loud.clear()
@@ -219,6 +220,7 @@ _FEW = ("prints", "closes", "closes both")  # the others take as long, and find 
 @pytest.mark.parametrize(
     "kind", [pytest.param(k, marks=[] if k in _FEW else pytest.mark.slow) for k in CLOSING]
 )
+@pytest.mark.slow
 def test_a_problem_file_cannot_take_standard_output_away(kind: str) -> None:
     Path("own.py").write_text(f"{CLOSING[kind]}\n{FILE}")
     done = apart_from_here("socp solve own.py -m euler-ipopt -o steps=20 --json")

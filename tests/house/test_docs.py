@@ -333,6 +333,7 @@ def end_time(problem: Problem, registry: Registry) -> float:
     return run(method, problem, default_guess(problem)).final_time
 
 
+@pytest.mark.slow
 def test_gallery_lists_every_problem_with_its_reference(registry: Registry) -> None:
     shown = {code(row[0]): row[1:] for row in table(GALLERY, "Table")}
     problems = own_problems(registry)

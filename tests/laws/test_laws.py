@@ -566,6 +566,7 @@ def test_wrong_laws_of_the_user_are_refused_with_the_difference() -> None:
 
 @settings(max_examples=8, deadline=None)
 @given(st.lists(st.floats(-2, 2), min_size=4, max_size=4))
+@pytest.mark.slow
 def test_laws_do_not_depend_on_units(exponents: list[float]) -> None:
     """The AUV with its lengths, angles, speeds and times measured in other units: the same law in
     them.

@@ -127,6 +127,7 @@ def test_an_arc_is_left_tangentially_where_the_limit_rises_faster_than_the_car()
     assert law == pytest.approx(1.0, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_a_word_whose_joints_cannot_be_has_a_solution_with_the_joints_left_free() -> None:
     word = Word.parse("+ - b +", LEAK.control_names)
     start = guess_along(LEAK, scouts(LEAK, default_guess(LEAK), 1)[0], word)

@@ -234,6 +234,7 @@ def test_newton_mends_a_rough_solution() -> None:
     assert found.junctions == pytest.approx([np.sqrt(1.5) - 1], abs=1e-13)
 
 
+@pytest.mark.slow
 def test_newton_leaves_what_it_cannot_do() -> None:
     problem = minimum_time().problem
     direct = run(REGISTRY.method("trapezoidal")(steps=20), problem, default_guess(problem))

@@ -101,6 +101,7 @@ def test_a_load_that_swings_touches_its_limit_twice() -> None:
     assert newton.objective == pytest.approx(found.objective, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_a_limit_that_is_not_met_is_no_touch() -> None:
     found = swung(WALL)
     free = swung(1.3)

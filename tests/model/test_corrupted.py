@@ -108,6 +108,7 @@ def changed(text: str, place: Path_, value: Any) -> Document:
     return document
 
 
+@pytest.mark.slow
 def test_the_genuine_ones_are_certified(genuine: dict[str, str], check: Any) -> None:
     for text in genuine.values():
         unharmed(check(text))

@@ -178,6 +178,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, genuine: str) -> Pat
     return tmp_path
 
 
+@pytest.mark.slow
 def test_an_own_problem_needs_no_file_afterwards(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -237,6 +238,7 @@ def test_a_changed_copy_of_a_registered_problem_is_judged_as_itself(
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.slow
 def test_the_users_problem_wins_and_what_differs_is_said(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -280,6 +282,7 @@ def older(document: dict[str, Any]) -> str:
     return json.dumps({**kept, "schema": 1})
 
 
+@pytest.mark.slow
 def test_an_old_result_is_of_the_registered_problem_of_its_name(
     folder: Path, registry: Registry, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -421,6 +421,7 @@ def test_a_missing_directory_is_refused_before_anything_is_solved(
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+@pytest.mark.slow
 def test_a_full_disk_is_one_line_and_the_result_is_kept(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -476,6 +477,7 @@ def test_a_missing_rerun_is_one_line_and_the_result_is_kept(
     assert load(result).stop.ok
 
 
+@pytest.mark.slow
 def test_a_missing_viewer_is_one_line_and_the_file_is_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -505,6 +507,7 @@ def test_a_viewer_that_ends_at_once_is_explained(
         viewer.show(tmp_path / "a.rrd")
 
 
+@pytest.mark.slow
 def test_a_computer_without_a_display_is_one_line_and_the_file_is_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -593,6 +596,7 @@ run(registry.method("euler-ipopt")(steps=100), problem, default_guess(problem), 
 """
 
 
+@pytest.mark.slow
 def test_a_solve_that_is_killed_leaves_a_recording_that_can_be_read(tmp_path: Path) -> None:
     path = tmp_path / "killed.rrd"
     done = subprocess.run(
@@ -661,6 +665,7 @@ def test_without_a_recorder_it_is_said_how_to_find_out(tmp_path: Path) -> None:
         registry.recorder(registry.problem("auv"), tmp_path / "a.rrd")
 
 
+@pytest.mark.slow
 def test_many_iterations_are_written_in_batches(tmp_path: Path) -> None:
     registry = Registry.load()
     path = tmp_path / "many.rrd"

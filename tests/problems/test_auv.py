@@ -138,6 +138,7 @@ def test_implicit_euler_with_1000_steps() -> None:
     )  # it does not ring
 
 
+@pytest.mark.slow
 def test_the_trapezoid_with_1000_steps() -> None:
     solution = solved(Trapezoidal(steps=1000))
     assert solution.objective == pytest.approx(14.950320, abs=2e-6)

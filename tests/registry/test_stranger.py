@@ -102,6 +102,7 @@ def test_the_package_fits_on_a_page() -> None:
     assert len(PACKAGING.splitlines()) <= 7
 
 
+@pytest.mark.slow
 def test_the_method_and_the_problem_are_listed(home: Path) -> None:
     methods = {row["name"]: row for row in json.loads(socp(home, "methods", "--json"))}
     assert methods["radau-two"]["package"] == "stranger 1.0"

@@ -16,6 +16,7 @@ def highest() -> tuple[Problem, Solution]:
     return problem, held(problem, "u: + -", [1.0, 2.0])
 
 
+@pytest.mark.slow
 def test_the_better_of_both_sides_of_a_maximum() -> None:
     problem, solution = highest()
     assert solution.extremal

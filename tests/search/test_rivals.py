@@ -47,6 +47,7 @@ def test_a_rival_is_met_by_shooting() -> None:
     assert all(each.objective < worse.objective for each in found)
 
 
+@pytest.mark.slow
 def test_the_search_goes_on_from_a_rival() -> None:
     search, points = Search(), list[Solution]()
     search.keep(along(CURRENT, "-"))
@@ -57,6 +58,7 @@ def test_the_search_goes_on_from_a_rival() -> None:
     assert points
 
 
+@pytest.mark.slow
 def test_the_best_extremal_has_no_rivals() -> None:
     assert rivals(CURRENT, along(replace(CURRENT, guess={x: (0, 1)}), "+")) == []
     best = along(REST, "- +")

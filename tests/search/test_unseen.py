@@ -167,6 +167,7 @@ def test_nothing_more_is_tried_without_time_and_it_is_said() -> None:
     assert len(hand) == 1
 
 
+@pytest.mark.slow
 def test_what_scouting_met_is_gone_on_from_where_its_round_has_no_time_left(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -105,6 +105,7 @@ def reached() -> Solution:
 
 
 @pytest.mark.parametrize("radius", [0.3, 0.55, 0.7])
+@pytest.mark.slow
 def test_a_limit_that_is_met_at_the_end_is_met_by_the_neighbour(
     reached: Solution, radius: float
 ) -> None:

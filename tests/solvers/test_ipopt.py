@@ -173,6 +173,7 @@ def test_an_option_that_fails_only_at_the_solve_is_named() -> None:
     assert "nlp_scaling_method=user-scaling" in point.message
 
 
+@pytest.mark.slow
 def test_a_linear_solver_that_does_not_work_here_is_refused_with_those_that_do() -> None:
     with pytest.raises(
         MethodError, match=r"no-such-library\.so: it cannot be loaded .*work here: .*mumps"
@@ -254,6 +255,7 @@ def test_ctrl_c_stops_with_the_last_iterate() -> None:
     assert signal.getsignal(signal.SIGINT) is before
 
 
+@pytest.mark.slow
 def test_ctrl_c_from_outside_stops_a_silent_solve() -> None:
     reduced = collocate(single_phase(auv), [uniform(euler(), 2000)])
     guess = reduced.push(default_guess(auv))

@@ -49,6 +49,7 @@ def values(number: int) -> np.ndarray:
     return np.vstack([here.guess.t, here.guess.rows("x"), here.guess.rows("u")])
 
 
+@pytest.mark.slow
 def test_starts_differ_and_come_out_the_same_again() -> None:
     found = [values(number) for number in range(9)]
     for number, each in enumerate(found):

@@ -120,6 +120,7 @@ def test_a_solution_spells_the_word_of_its_arcs() -> None:
 # -- the frontier
 
 
+@pytest.mark.slow
 def test_too_few_switches_are_infeasible_and_more_do_no_better(certified: Solution) -> None:
     found = best_by_switches(cart, 2, certified)
     assert found.every

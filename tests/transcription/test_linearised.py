@@ -29,6 +29,7 @@ def shooting() -> Shooting:
     return Shooting(follow(problem, word), split(default_guess(problem), [0.4, 0.5, 0.3]), 3)
 
 
+@pytest.mark.slow
 def test_slopes_and_curvatures_are_those_of_differences() -> None:
     known = shooting()
     rng = np.random.default_rng(0)

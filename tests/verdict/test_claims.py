@@ -441,6 +441,7 @@ def direct(steps: int = 200) -> Solution:
     )
 
 
+@pytest.mark.slow
 def test_a_better_direct_solution_goes_before_a_word() -> None:
     word = growth("+")
     assert not word.extremal
@@ -451,6 +452,7 @@ def test_a_better_direct_solution_goes_before_a_word() -> None:
     assert "this is a direct solution; the best word tried, u: +, reaches 5" in found.message
 
 
+@pytest.mark.slow
 def test_an_infeasible_word_is_not_better_whatever_it_claims() -> None:
     lie = judge(GROWTH, replace(growth("+"), objective=-1e3))
     found = conclude(GROWTH, Search(best=lie), [direct()])
@@ -494,6 +496,7 @@ def test_the_order_of_solutions(swapped: bool) -> None:
 
 
 @pytest.mark.parametrize("mesh", [uniform(euler(), 400), uniform(radau_iia(2), 20)])
+@pytest.mark.slow
 def test_a_certified_extremal_is_not_the_last_word_where_a_better_point_is_known(
     mesh: Mesh,
 ) -> None:
@@ -532,6 +535,7 @@ def test_a_certified_best_is_left_alone() -> None:
 # -- what the switching function asks for
 
 
+@pytest.mark.slow
 def test_the_judge_says_what_the_switching_function_asks_for() -> None:
     """X' = u cos t from 0 to pi, as far as it goes: + until pi / 2, then -."""
     problem = posed(

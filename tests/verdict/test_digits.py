@@ -243,7 +243,7 @@ def test_a_missed_end_costs_digits(name: str, exact: Callable[[str], Solution]) 
     assert solution.verdict.objective_error < 1e3 * abs(solution.objective - of.objective)
 
 
-@pytest.mark.parametrize("tolerance", [1e-9, 1e-7, 1e-5])
+@pytest.mark.parametrize("tolerance", [pytest.param(1e-9, marks=pytest.mark.slow), 1e-7, 1e-5])
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "auv"])
 def test_a_coarse_solution_claims_no_more_than_is_true(name: str, tolerance: float) -> None:
     of = KNOWN[name]

@@ -68,6 +68,7 @@ def test_a_search_puts_in_the_arc_that_is_asked_for(wrong: Solution, right: Solu
     assert not list(mends(TWO, now, replace(wrong, verdict=silent)))
 
 
+@pytest.mark.slow
 def test_mboc_names_the_missing_arc_and_its_control(registry: Registry) -> None:
     found = run(registry.method("mboc")(switches="0", starts=1), TWO, default_guess(TWO))
     assert not found.extremal

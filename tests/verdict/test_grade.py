@@ -65,6 +65,7 @@ GRIDS: dict[str, Mesh] = {
     "hermite-simpson 40": uniform(hermite_simpson(), 40),
     "lgr 20 x 3": uniform(lgr(3), 20),
 }
+SOON = ("euler 100", "lgr 20 x 3")
 
 
 @cache
@@ -108,7 +109,10 @@ def weighed(problem: Problem, solution: Solution) -> tuple[Pieces, Weights]:
 STANDARDS = [each.problem.name for each in STANDARD] + ["turning_back"]
 
 
-@pytest.mark.parametrize("grid", GRIDS)
+@pytest.mark.parametrize(
+    "grid",
+    [each if each in SOON else pytest.param(each, marks=pytest.mark.slow) for each in GRIDS],
+)
 @pytest.mark.parametrize(
     "name", [*STANDARDS, *(pytest.param(each, marks=pytest.mark.slow) for each in REGISTERED)]
 )

@@ -46,7 +46,7 @@ WORDS = {
     "fishery_discounted": "- s +",
     "dubins_csc": "+ s -",
 }
-FAST = ("jacobson_1", "catalyst_mixing", "double_integrator_time")
+FAST = ("jacobson_1", "catalyst_mixing")
 NAMES = [pytest.param(name, marks=[] if name in FAST else pytest.mark.slow) for name in WORDS]
 SHARP = Ipopt({"tol": 1e-11, "max_iter": 200})  # words without a solution end soon
 # where no solve of a word that has no solution takes long

@@ -120,6 +120,7 @@ def dubins(turns: list[float]) -> Problem:
     )
 
 
+@pytest.mark.slow
 def test_three_turns_on_both_sides_of_pi() -> None:
     """H = 1 + p cos(theta - phi) - |sigma| = 0 with sigma = 0 at the ends of the middle arc: it
     turns by 2 arccos(-1/p) > pi. Three lengths meet three conditions.

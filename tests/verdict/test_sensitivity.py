@@ -201,6 +201,7 @@ def test_the_vehicle_by_the_strength_of_its_current() -> None:
     assert flat(found) == pytest.approx(wanted, rel=1e-8, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_where_there_are_no_derivatives_the_reason_is_said() -> None:
     problem = double_integrator()
     solution = solved(problem, "u: - +", [0.3, 1.2])

@@ -72,6 +72,7 @@ def read_netcdf(content: bytes) -> Any:
     return xarray.load_dataset(io.BytesIO(content), engine="scipy")
 
 
+@pytest.mark.slow
 def test_flat_tables_hold_every_value(problem: Problem, solution: Solution) -> None:
     along = traces(problem, solution)
     held = {

@@ -127,6 +127,7 @@ def test_controls_jump_where_they_switch(solved: Solved) -> None:
         assert abs(pair[0] - pair[1]) > 0.1
 
 
+@pytest.mark.slow
 def test_arcs_are_shaded_in_their_colours_and_bounds_are_lines(solved: Solved) -> None:
     problem, solution = solved("auv")
     axes = panel(drawn(solution, problem), "f")
