@@ -1,5 +1,6 @@
 """What is said of an extremal beyond the principle, in words: its second order, its ladder."""
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -80,6 +81,8 @@ def curvature_text(found: "Curvature") -> str:
     if found.free == 0:
         return "no direction is free, nothing to test"
     directions = "1 direction" if found.free == 1 else f"{found.free} directions"
+    if found.least == -math.inf:
+        return f"curvature not bounded below, {directions} free"
     return f"least curvature {found.least:.3g} within {found.error:.1e}, {directions} free"
 
 
