@@ -37,7 +37,7 @@ def row(registry: Registry, name: str, seconds: float) -> tuple[list[str], float
     )
     whole = time.process_time() - began
     verdict = solution.verdict
-    rung = rung_of(verdict).value
+    rung = rung_of(solution).value
     if verdict is None or not verdict.extremal:
         return [name, solution.word, rung, "", "", "", f"{whole:.2f}", ""], whole, 0.0
     cached(problem, second_order).clear()  # the solve itself asked

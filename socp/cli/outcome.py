@@ -10,7 +10,8 @@ from socp.view import Outcome, outcome_of
 if TYPE_CHECKING:
     from socp.model import Solution
 
-REQUIRED = ("feasible", "approximate", "extremal", "word", "strong")  # rungs by their names
+# the rungs by their names that some command can show of a result
+REQUIRED = ("feasible", "approximate", "extremal", "word", "strong", "best")
 UNJUDGED = Outcome.INTERRUPTED  # a command judges what it solved unless it is interrupted
 
 
@@ -23,16 +24,16 @@ require_option = click.option(
     "--require",
     metavar="RUNG",
     type=click.Choice(REQUIRED),
-    help="Exit code 0 if the result reaches this rung or a higher one, else 1: "
+    help="Exit code 0 if the result reaches this rung or one that stands on it, else 1: "
     f"{', '.join(REQUIRED)}.",
 )
 
 
-def reaches(solution: "Solution", required: str) -> bool:
-    """Tell whether a solution reaches a rung, by its name, or a higher one."""
-    from socp.model import Rung, rung_of
+def required_rung(solution: "Solution", required: str) -> bool:
+    """Tell whether a solution reaches a rung, by its name, or one that stands on it."""
+    from socp.model import Rung, reaches
 
-    return rung_of(solution.verdict).height >= Rung[required.upper()].height
+    return reaches(solution, Rung[required.upper()])
 
 
 def code(solution: "Solution", *, strict: bool = False, required: str | None = None) -> Exit:
@@ -44,5 +45,5 @@ def code(solution: "Solution", *, strict: bool = False, required: str | None = N
         return Exit.INTERRUPTED
     good = came_to is Outcome.EXTREMAL if strict else came_to.answer
     if required is not None:
-        good = reaches(solution, required)
+        good = required_rung(solution, required)
     return Exit.SOLVED if good else Exit.UNSOLVED

@@ -43,15 +43,18 @@ def facts(problem: "Problem", solution: "Solution") -> dict[str, Any]:
         "verified": [
             {**asdict(each), "worst": each.worst, "off": each.off} for each in solution.verified
         ],
-        "verdict": None if solution.verdict is None else plain(solution.verdict),
+        "starts": None if solution.starts is None else asdict(solution.starts),
+        "verdict": None if solution.verdict is None else plain(solution, solution.verdict),
         "iterations": solution.iterations,
         "seconds": solution.seconds,
         "reference": None if none else to_reference(problem, solution),
     }
 
 
-def plain(verdict: "Verdict") -> dict[str, Any]:
-    """Return a verdict as plain values, what follows from them included."""
+def plain(solution: "Solution", verdict: "Verdict") -> dict[str, Any]:
+    """Return the verdict of a solution as plain values, with what follows from them and the
+    ladder.
+    """
     from socp.model import ladder_steps, rung_of
 
     derived: dict[str, Any] = {
@@ -62,8 +65,9 @@ def plain(verdict: "Verdict") -> dict[str, Any]:
     own["findings"] = [finding.data for finding in verdict.findings]
     own["grade"] = None if verdict.grade is None else asdict(verdict.grade)
     own["second_order"] = verdict.second_order and verdict.second_order.data
-    derived["rung"] = rung_of(verdict).name
-    derived["ladder"] = [{**asdict(step), "rung": step.rung.name} for step in ladder_steps(verdict)]
+    derived["rung"] = rung_of(solution).name
+    steps = ladder_steps(solution)
+    derived["ladder"] = [{**asdict(step), "rung": step.rung.name} for step in steps]
     return {**derived, **own}
 
 

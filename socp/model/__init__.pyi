@@ -47,10 +47,13 @@ from .graph import fold as fold
 from .graph import interpret as interpret
 from .graph import operation_names as operation_names
 from .ladder.grade import Grade as Grade
+from .ladder.rungs import Proof as Proof
 from .ladder.rungs import Rung as Rung
 from .ladder.rungs import Step as Step
 from .ladder.rungs import ladder_steps as ladder_steps
+from .ladder.rungs import reaches as reaches
 from .ladder.rungs import rung_of as rung_of
+from .ladder.rungs import top_steps as top_steps
 from .ladder.second_order import Curvature as Curvature
 from .ladder.second_order import Descent as Descent
 from .ladder.second_order import Minimum as Minimum

@@ -11,6 +11,7 @@ import numpy as np
 from socp.model.arc import Arc, Which
 from socp.model.data.views import view
 from socp.model.findings import Agreement, Feasibility, Node, Verdict
+from socp.model.ladder.rungs import Proof
 from socp.model.ladder.sensitivity import Sensitivities
 from socp.model.ladder.starts import Starts
 from socp.model.tolerances import EXTREMAL
@@ -48,7 +49,8 @@ class Solution:
     before this one. `structure` gives every control's stretches (mode, start, end). `verified`
     holds the feasibility by time and, where the word has laws, by feedback; `verdict` is the
     judge's. `agreement`: how far apart two computations of this solution are, where there were two.
-    `starts`: from how many starts a search took the best, None where it made none.
+    `starts`: from how many starts a search took the best, None where it made none;
+    `proofs`: what was proved of it since it was judged.
     `statement` is the problem that was judged, as data; `unstated` says why there is none, where it
     cannot be written.
     """
@@ -74,6 +76,7 @@ class Solution:
     verdict: Verdict | None = None
     agreement: Agreement | None = None
     starts: Starts | None = None
+    proofs: tuple[Proof, ...] = ()
     # where it comes from
     method: str
     options: Mapping[str, Any] = field(default_factory=dict)

@@ -47,7 +47,7 @@ def conclude(
     if best is not None and not best.stop.ok:
         return best
     if best is not None and best.extremal:
-        known = better_point(problem, search, directs)
+        search.better = known = better_point(problem, search, directs)
         return best if known is None else replace(best, message=f"{best.message}; {_worse(known)}")
     solved = [each for each in directs if each.stop.ok]
     certain = next(
@@ -77,11 +77,12 @@ def with_starts(solution: Solution, search: Search) -> Solution:
     for each in search.extremals:
         if not any(_one(each, other) for other in met):
             met.append(each)
-    others = sorted(met[1:], key=lambda each: each.objective)
+    others, better = sorted(met[1:], key=lambda each: each.objective), search.better
     starts = Starts(
         tried=search.scouted.tried,
         coarse=tuple(Met(objective=e.objective, starts=n) for e, n in search.scouted.met if n),
         extremals=tuple(Met(objective=each.objective, word=each.word) for each in others),
+        better=better.reached if better is not None and clearly(better, solution) else None,
     )
     return replace(solution, starts=starts)
 

@@ -64,7 +64,8 @@ class Search:
 
     `refine` goes on with it from one direct solution to the next. `grids`: steps of the grids of
     all rounds; `late`: whether the time allowed, `seconds`, ended it; `extremals`: all that were
-    certified; `scouted`: what its coarse starts met.
+    certified; `scouted`: what its coarse starts met; `better`: a feasible point that is clearly
+    better than the best, which is certified.
     """
 
     solved: dict[str, float] = field(default_factory=dict)
@@ -80,6 +81,7 @@ class Search:
     seconds: float = 0.0
     extremals: list[Solution] = field(default_factory=list)
     scouted: Scouted | None = None
+    better: Solution | None = None
 
     def begin(self, backend: Ration, words: int, steps: int) -> None:
         """Begin another round: with so much more work and so many more words, on grids of so many

@@ -241,7 +241,7 @@ def certified(problem: Problem, solution: Solution) -> Solution:
     It is verified against all end conditions, and certified with multipliers of those that do not
     follow from others by what motions conserve: those of the rest are any.
     """
-    solution = with_statement(problem, solution)
+    solution = replace(with_statement(problem, solution), proofs=())  # those are of what was judged
     stated, problem = completed(problem), independent(problem)
     values = [each for arc in solution.arcs for each in (arc.x, arc.u)]
     values.append(np.array(list(solution.parameters.values()), dtype=float))

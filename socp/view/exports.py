@@ -27,6 +27,8 @@ def unit(problem: "Problem | None", name: str) -> str:
 
 def attributes(solution: "Solution") -> dict[str, Any]:
     """Return what is known of a solution as a whole, as texts, numbers and lists of numbers."""
+    from socp.model import rung_of
+
     return {
         "problem": solution.problem,
         "method": solution.method,
@@ -39,6 +41,7 @@ def attributes(solution: "Solution") -> dict[str, Any]:
         "options": json.dumps(dict(solution.options)),
         "versions": json.dumps(dict(solution.versions)),
         "extremal": {None: "not judged", True: "yes", False: "no"}[solution.extremal],
+        "rung": rung_of(solution).name if solution.verdict else "",
     }
 
 

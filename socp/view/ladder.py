@@ -1,10 +1,11 @@
 """What is said of an extremal beyond the principle, in words: its second order, its ladder."""
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # `socp --help` loads the report, and casadi is not worth it there
-    from socp.model import Curvature, Descent, SecondOrder, Starts, Verdict
+    from socp.model import Curvature, Descent, SecondOrder, Solution, Starts, Step
 
 _TOLD = 4  # coarse local solutions told, the best first
 
@@ -30,20 +31,49 @@ def order_lines(found: "SecondOrder") -> Iterator[str]:
         yield from (f"no more is claimed: {limit}" for limit in found.limits)
 
 
-def rung_texts(verdict: "Verdict") -> Iterator[tuple[str, bool, str]]:
-    """Yield the rungs of the ladder: whether it holds, in words and as a value, and what decides
-    it.
-    """
+def rung_texts(solution: "Solution") -> Iterator[tuple[str, bool, str]]:
+    """Yield the rungs of the ladder: in words, whether it holds, and what decides it."""
     from socp.model import Rung, ladder_steps
 
-    for step in ladder_steps(verdict):
+    for step in ladder_steps(solution):
         figure = ""
         if step.figure is not None and step.allowed is not None:
             sign = "above" if step.rung is Rung.WORD else "at most"
             figure = f"{step.figure:.1e}, {sign} {step.allowed:.1e}"
-        said = "; ".join(filter(None, (figure, step.why)))
-        answer = f"{'yes' if step.holds else 'no':4}{step.rung.value}"
-        yield answer, step.holds, f": {said}" if said else ""
+        elif step.figure is not None and step.rung not in {Rung.BEST, Rung.GLOBAL}:
+            figure = f"{step.figure:.1e}"
+        yield _rung(step), step.holds, "; ".join(filter(None, (figure, step.why)))
+
+
+def ladder_table(solution: "Solution") -> list[tuple[str, str, str]]:
+    """Return the ladder as a table: heads, then a rung a row; none where nobody judged."""
+    rows = [(rung, "yes" if holds else "no", said) for rung, holds, said in rung_texts(solution)]
+    return [("rung", "reached", "decided by"), *rows] if rows else []
+
+
+def top_text(solution: "Solution") -> str:
+    """Return the highest rungs that a solution reaches, one a branch, empty where there are
+    none.
+    """
+    from socp.model import top_steps
+
+    return "; ".join(map(_rung, top_steps(solution)))
+
+
+def _rung(step: "Step") -> str:
+    """Return a rung in words, with the figure that it is named by."""
+    from socp.model import Rung
+
+    if step.rung is Rung.BEST and step.figure is not None:
+        return _best_of(int(step.figure))
+    if step.rung is Rung.GLOBAL and step.figure is not None:
+        return f"within {100 * step.figure:.2g} % of the global optimum, proved"
+    proved = step.proved and "proved" not in step.rung.value
+    return f"{step.rung.value}, proved" if proved else step.rung.value
+
+
+def _best_of(count: int) -> str:
+    return "best of 1 start" if count == 1 else f"best of {count} starts"
 
 
 def curvature_text(found: "Curvature") -> str:
@@ -51,6 +81,8 @@ def curvature_text(found: "Curvature") -> str:
     if found.free == 0:
         return "no direction is free, nothing to test"
     directions = "1 direction" if found.free == 1 else f"{found.free} directions"
+    if found.least == -math.inf:
+        return f"curvature not bounded below, {directions} free"
     return f"least curvature {found.least:.3g} within {found.error:.1e}, {directions} free"
 
 
@@ -78,5 +110,6 @@ def starts_lines(found: "Starts | None") -> list[str]:
         f"another extremal was certified at {each.objective:.12g}: {each.word}"
         for each in found.extremals
     ]
-    starts = "1 start" if found.tried == 1 else f"{found.tried} starts"
-    return [f"best of {starts}{told}", *(others or ["no other extremal was certified"])]
+    if found.better is not None:
+        others.insert(0, f"a feasible point that is no extremal reaches {found.better:.12g}")
+    return [f"{_best_of(found.tried)}{told}", *(others or ["no other extremal was certified"])]

@@ -10,6 +10,7 @@ from itertools import groupby
 from socp.errors import MethodError, ProblemError
 from socp.model import Problem, Solution, Verdict
 from socp.process import printable
+from socp.view.ladder import ladder_table
 from socp.view.report import Row, Tone, conditions, solution_rows, verdict_rows
 
 _WIDTH = 7.0  # inches of the figure in a notebook
@@ -27,16 +28,14 @@ def html(thing: object) -> str:
 @html.register
 def solution_html(solution: Solution) -> str:
     """Return a solution as HTML: what its report says, and a figure if matplotlib is there."""
-    said = solution_rows(_problem(solution), solution)
-    return _framed(solution.problem, "", _cells(said)) + _figure(solution)
+    said = _framed(solution.problem, "", _cells(solution_rows(_problem(solution), solution)))
+    return said + _table(ladder_table(solution)) + _figure(solution)
 
 
 @html.register
 def verdict_html(verdict: Verdict) -> str:
     """Return a verdict as HTML: its answers, then a condition a row."""
-    table = "".join(_line("td" if k else "th", row) for k, row in enumerate(conditions(verdict)))
-    said = _framed("", "", _cells(verdict_rows(verdict)))
-    return said + (f"<table>{table}</table>" if table else "")
+    return _framed("", "", _cells(verdict_rows(verdict))) + _table(conditions(verdict))
 
 
 @html.register
@@ -70,6 +69,12 @@ def _cells(rows: Iterable[Row]) -> Iterator[Cell]:
 def _coloured(text: str, tone: Tone) -> str:
     colour = _COLOURS.get(tone)
     return f'<span style="color:{colour}">{_text(text)}</span>' if colour else _text(text)
+
+
+def _table(rows: Iterable[Iterable[str]]) -> str:
+    """Return rows as a table, heads first, nothing where there are none."""
+    lines = "".join(_line("td" if k else "th", row) for k, row in enumerate(rows))
+    return f"<table>{lines}</table>" if lines else ""
 
 
 def _line(kind: str, cells: Iterable[str]) -> str:

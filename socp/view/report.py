@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, final
 from socp.errors import MethodError
 from socp.model import APPROXIMATE, EXTREMAL, FEASIBLE
 from socp.view.errors import signed_error, small, switch_error
-from socp.view.ladder import minimum_line, order_lines, rung_texts, starts_lines
+from socp.view.ladder import minimum_line, order_lines, rung_texts, starts_lines, top_text
 from socp.view.outcomes import Outcome, infeasible, outcome_of
 
 if TYPE_CHECKING:  # `socp --help` loads this module, and casadi is not worth it there
@@ -64,6 +64,7 @@ def solution_rows(
     """
     rows = [] if problem is None else [_row("constants", constant_lines(problem))]
     rows += [_method(solution), _came_to(outcome_of(solution) or unjudged)]
+    rows.append(_row("rung", filter(None, [top_text(solution)])))
     rows += _point(problem, solution)
     rows += [_row("digits", agreed_digits(solution)), _stop(solution)]
     rows.append(Row("feasibility", tuple(_reintegrated(each) for each in solution.verified)))
@@ -112,12 +113,12 @@ def verdict_rows(verdict: "Verdict") -> list[Row]:
     return [row for row in rows if row.lines]
 
 
-def ladder_row(verdict: "Verdict") -> Row:
-    """Return the rungs of the ladder that a verdict was asked for, with what decides each."""
-    tones = {True: Tone.GOOD, False: Tone.NOTE}
-    lines = (
-        ((answer, tones[holds]), (said, Tone.PLAIN)) for answer, holds, said in rung_texts(verdict)
-    )
+def ladder_row(solution: "Solution") -> Row:
+    """Return the rungs of the ladder that a solution was asked for, with what decides each."""
+    lines = []
+    for rung, holds, said in rung_texts(solution):
+        answer = (f"{'yes' if holds else 'no':4}{rung}", Tone.GOOD if holds else Tone.NOTE)
+        lines.append((answer, (f": {said}" if said else "", Tone.PLAIN)))
     return Row("ladder", tuple(lines))
 
 

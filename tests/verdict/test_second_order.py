@@ -204,6 +204,79 @@ def test_a_conjugate_point_on_a_singular_arc(horizon: float, positive: bool) -> 
     assert ("negative" in found.limits[0]) is not positive
 
 
+@pytest.mark.parametrize(
+    ("text", "start", "lengths"),
+    [("u: - s; v: - s", 1.0, [1.0, 1.0]), ("u: - - s; v: - s s", 0.5, [0.5, 0.5, 1.0])],
+)
+def test_two_singular_controls_in_closed_form(
+    text: str, start: float, lengths: list[float]
+) -> None:
+    """Integral of x^2 + y^2 + x y with x' = u, y' = v over T = 2: with w and z for x and y the form
+    is that integral of w and z itself. Its matrix (2, 1; 1, 2) has 1 for its least eigenvalue, in
+    units of 2 T and over the horizon. The arcs begin at one time, or one after the other.
+    """
+    x, y = states("x y")
+    u, v = controls("u v")
+    problem = Problem(
+        name="regulators",
+        running=x**2 + y**2 + x * y,
+        dynamics={x: u, y: v},
+        bounds={u: (-1, 1), v: (-1, 1)},
+        start={x: 1, y: start},
+        final_time=2,
+    )
+    found = ordered(problem, along(problem, text, lengths))
+    assert found.kind is Minimum.WORD
+    assert found.singular is not None
+    assert found.singular.least == pytest.approx(32.0, rel=1e-9)
+    assert found.singular.positive
+    assert "no theorem is checked for singular arcs" in found.limits[-1]
+
+
+@pytest.mark.parametrize(("horizon", "positive"), [(1.05, True), (1.2, False)])
+def test_a_conjugate_point_of_two_singular_controls(horizon: float, positive: bool) -> None:
+    """Integral of x^2 + y^2 - z^2 with z' = x + y, x' = u, y' = v from rest: with w for x and for y
+    it is that of 2 w^2 - z^2, z' = 2 w, at its least: positive up to T = pi / (2 sqrt 2).
+    """
+    x, y, z = states("x y z")
+    u, v = controls("u v")
+    problem = Problem(
+        name="conjugate",
+        running=x**2 + y**2 - z**2,
+        dynamics={z: x + y, x: u, y: v},
+        bounds={u: (-1, 1), v: (-1, 1)},
+        start={x: 0, y: 0, z: 0},
+        final_time=horizon,
+    )
+    found = ordered(problem, along(problem, "u: s; v: s", [horizon]))
+    assert found.singular is not None
+    wanted = 2 * (1 - 2 * (2 * horizon / pi) ** 2) * (2 * horizon) ** 2 * horizon
+    assert found.singular.least == pytest.approx(wanted, rel=1e-6)
+    assert (found.singular.positive, found.singular.negative) == (positive, not positive)
+
+
+def test_two_singular_controls_whose_fields_do_not_commute() -> None:
+    """At rest all of x' = u, y' = v, z' = x v - y u is singular with z(T) to be least, and a fast
+    circle of radius r, which takes 2 pi r, lowers z by 2 pi r^2: costs of the order of r^2 T do not
+    outweigh the rounds that T has time for. Goh's condition, lambda_z = 0, does not hold.
+    """
+    x, y, z = states("x y z")
+    u, v = controls("u v")
+    problem = Problem(
+        name="heisenberg",
+        minimise=z,
+        running=(x**2 + y**2) / 2,
+        dynamics={x: u, y: v, z: x * v - y * u},
+        bounds={u: (-1, 1), v: (-1, 1)},
+        start={x: 0, y: 0, z: 0},
+        final_time=1,
+    )
+    found = ordered(problem, along(problem, "u: s; v: s", [1.0]))
+    assert found.singular is not None
+    assert found.singular.negative
+    assert "is negative (Goh's condition does not hold on arc 1)" in found.limits[0]
+
+
 def pair_of(problem: Problem, solution: Solution) -> Pair:
     found = induced(problem, solution)
     assert isinstance(found, Pair)

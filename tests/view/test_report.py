@@ -9,14 +9,25 @@ from dataclasses import replace
 
 import pytest
 
-from socp import Problem, Solution, default_guess, run
+from socp import Problem, Solution, default_guess, judge, run
 from socp import final_time as end
 from socp import time as now
 from socp.cli.consoles import console
 from socp.cli.outcome import code, outcome
 from socp.cli.session import Exit
 from socp.cli.show import facts, report
-from socp.model import Agreement, Grade, Met, Starts, Stop, Verdict, from_json, to_json
+from socp.model import (
+    Agreement,
+    Grade,
+    Met,
+    Proof,
+    Rung,
+    Starts,
+    Stop,
+    Verdict,
+    from_json,
+    to_json,
+)
 from socp.registry import Registry
 from socp.view import Outcome, outcome_of, solution_rows, verdict_rows
 from socp.view.recording.summary import summary
@@ -328,3 +339,33 @@ def test_a_report_says_from_how_many_starts_it_is_the_best(
     ]
     assert not any(row.label == "starts" for row in solution_rows(problem, exact))
     assert from_json(to_json(replace(exact, starts=several))).starts == several
+
+
+def test_the_highest_rungs_are_among_the_first_lines(problem: Problem, exact: Solution) -> None:
+    proofs = (
+        Proof(rung=Rung.EXISTS, margin=3e-17, statement="in balls"),
+        Proof(rung=Rung.GLOBAL, margin=0.023, statement="by a subsolution"),
+    )
+    starts = Starts(tried=4, coarse=(Met(objective=0.375, starts=4),))
+    found = replace(exact, starts=starts, proofs=proofs)
+    assert [row.label for row in solution_rows(problem, found)][1:3] == ["outcome", "rung"]
+    top = (
+        "extremal",
+        "best of 4 starts",
+        "an extremal exists beside it, proved",
+        "within 2.3 % of",
+    )
+    for render in RENDERED:
+        text = render(problem, found)
+        assert all(said in text for said in top), text
+    for render in (in_notebook, in_recording):  # these have the whole ladder
+        assert "by a subsolution" in render(problem, found)
+    again = from_json(to_json(found))
+    assert (again.starts, again.proofs) == (starts, proofs)
+    assert facts(problem, found)["verdict"]["ladder"][-1]["rung"] == "GLOBAL"
+    assert facts(problem, found)["verdict"]["rung"] == "WORD"
+
+
+def test_no_proof_outlives_a_judgement(problem: Problem, exact: Solution) -> None:
+    proof = Proof(rung=Rung.EXISTS, margin=0.0, statement="")
+    assert judge(problem, replace(exact, proofs=(proof,))).proofs == ()

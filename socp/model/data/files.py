@@ -6,7 +6,7 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import msgspec
 import numpy as np
@@ -26,11 +26,14 @@ from socp.model.findings import (
     Verdict,
 )
 from socp.model.ladder.grade import Grade
+from socp.model.ladder.rungs import Proof, Rung
 from socp.model.ladder.second_order import Curvature, Descent, Minimum, SecondOrder
 from socp.model.ladder.starts import Met, Starts
 from socp.model.solution import Solution, Stop
 from socp.model.word import Mode
 from socp.process import read_text, write_atomic
+
+_Names = TypeVar("_Names", bound=Enum)
 
 _DERIVED = (
     "word",
@@ -85,6 +88,7 @@ def from_json(text: str) -> Solution:
         "nodes": tuple(Node(**each) for each in values["nodes"]),
         "agreement": values["agreement"] and Agreement(**values["agreement"]),
         "starts": values["starts"] and _starts(values["starts"]),
+        "proofs": tuple(map(_proof, values["proofs"])),
         "verified": tuple(Feasibility(**each) for each in values["verified"]),
         "verdict": values["verdict"] and _verdict(values["verdict"], places),
     }
@@ -96,7 +100,19 @@ def _starts(values: Mapping[str, Any]) -> Starts:
     coarse, extremals = (
         tuple(Met(**each) for each in values[name]) for name in ("coarse", "extremals")
     )
-    return Starts(tried=values["tried"], coarse=coarse, extremals=extremals)
+    return Starts(**{**values, "coarse": coarse, "extremals": extremals})
+
+
+def _proof(values: Mapping[str, Any]) -> Proof:
+    return Proof(**{**values, "rung": _member(Rung, values["rung"], "proofs")})
+
+
+def _member(kind: type[_Names], name: str, where: str) -> _Names:
+    """Return a member of an enumeration by its name."""
+    if name not in kind.__members__:
+        known = ", ".join(kind.__members__)
+        raise SolveError(f"not a socp result: {where}: '{name}'; there are {known}")
+    return kind[name]
 
 
 def _stop(name: str) -> Stop:
@@ -191,13 +207,8 @@ def _verdict(data: Mapping[str, Any], stretches: Mapping[str, Place]) -> Verdict
 def _second_order(data: Mapping[str, Any] | None) -> SecondOrder | None:
     if data is None:
         return None
-    kind = data["kind"]
-    if kind not in Minimum.__members__:
-        raise SolveError(
-            f"not a socp result: second_order: '{kind}'; there are {', '.join(Minimum.__members__)}"
-        )
     records = {
-        "kind": Minimum[kind],
+        "kind": _member(Minimum, data["kind"], "second_order"),
         "word": data["word"] and Curvature(**data["word"]),
         "singular": data["singular"] and Curvature(**data["singular"]),
         "descent": data["descent"] and Descent(**data["descent"]),

@@ -156,6 +156,15 @@ class Starts(Record):
     tried: int
     coarse: list[Met]
     extremals: list[Met]
+    better: Known = None  # older files have none
+
+
+class Proof(Record):
+    """What was proved of a solution."""
+
+    rung: str
+    margin: Number
+    statement: str
 
 
 class Result(Record):
@@ -186,5 +195,6 @@ class Result(Record):
     meshes: Matrix
     agreement: Agreement | None
     starts: Starts | None = None  # older files have none
+    proofs: tuple[Proof, ...] = ()  # older files have none
     statement: dict[str, Any] | None = None
     unstated: str = ""

@@ -1,20 +1,26 @@
-"""The ladder: what can be said of a solution, from no point at all to a strong local minimum, each
-rung with the figure that decides it.
+"""The ladder: what can be said of a solution, each rung with the figure that decides it.
+
+It is a trunk, from no point at all to an extremal, with three branches: what holds beside the
+solution (local), what holds of all that a search met and of everything (global), and that an
+extremal is there at all, beyond arithmetic. A rung holds where the one below it does too.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, final
 
 from socp.model.ladder.second_order import Minimum
-from socp.model.tolerances import APPROXIMATE, EXTREMAL, FEASIBLE
+from socp.model.tolerances import APPROXIMATE, COMPARED, EXTREMAL, FEASIBLE
 
 if TYPE_CHECKING:
     from socp.model.findings import Verdict
+    from socp.model.ladder.starts import Starts
+    from socp.model.solution import Solution
 
 
 class Rung(Enum):
-    """The rungs from below; the value is what a report calls it."""
+    """The rungs, from below on every branch; the value is what a report calls it."""
 
     INFEASIBLE = "not feasible"
     FEASIBLE = "feasible"
@@ -22,18 +28,56 @@ class Rung(Enum):
     EXTREMAL = "extremal"
     WORD = "strict local minimum among controls of its word"
     STRONG = "strict strong local minimum"
+    BEST = "best of several starts"
+    EXISTS = "an extremal exists beside it, proved"
+    GLOBAL = "within a bound of the global optimum, proved"
 
     @property
-    def height(self) -> int:
-        """Its place from below, 0 for the lowest."""
-        return list(Rung).index(self)
+    def below(self) -> "Rung | None":
+        """The rung that it stands on, None for the lowest."""
+        return _BELOW.get(self)
+
+    def implies(self, other: "Rung") -> bool:
+        """Tell whether a solution on this rung is on another one too: it stands on it."""
+        return self is other or (self.below is not None and self.below.implies(other))
+
+
+# A bound of the optimum compares objectives: it asks for a feasible point alone
+_BELOW = {
+    Rung.FEASIBLE: Rung.INFEASIBLE,
+    Rung.APPROXIMATE: Rung.FEASIBLE,
+    Rung.EXTREMAL: Rung.APPROXIMATE,
+    Rung.WORD: Rung.EXTREMAL,
+    Rung.STRONG: Rung.WORD,
+    Rung.BEST: Rung.EXTREMAL,
+    Rung.EXISTS: Rung.EXTREMAL,
+    Rung.GLOBAL: Rung.FEASIBLE,
+}
+_LOCAL = (Rung.STRONG, Rung.WORD, Rung.EXTREMAL, Rung.APPROXIMATE, Rung.FEASIBLE)
+_PROVED = (Rung.EXISTS, Rung.GLOBAL)  # they hold by a proof alone
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Proof:
+    """A rung that arithmetic without rounding errors proved, for the result at hand.
+
+    `margin` decides it: of EXISTS how far the objective may be from the extremal's, of GLOBAL how
+    far the global optimum may be below it, over its own magnitude, of a minimum the least curvature
+    that is proved. `statement` says in a line what is proved, and by which arithmetic.
+    """
+
+    rung: Rung
+    margin: float
+    statement: str
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Step:
     """A rung with what decides it: `figure` is at most `allowed` where it holds, or, of a
-    curvature, above it; None where nothing of it was worked out, for the reason in `why`.
+    curvature, above it; of BEST it is a number of starts, of a proof its margin, and nothing is
+    allowed. None where nothing of it was worked out, for the reason in `why`.
     """
 
     rung: Rung
@@ -41,52 +85,112 @@ class Step:
     figure: float | None = None
     allowed: float | None = None
     why: str = ""
+    proved: bool = False
 
 
-def rung_of(verdict: "Verdict | None") -> Rung:
-    """Return the highest rung that a verdict reaches; the lowest where nobody judged."""
-    if verdict is None or not verdict.feasible:
-        return Rung.INFEASIBLE
-    if not verdict.extremal:
-        return Rung.APPROXIMATE if verdict.approximate else Rung.FEASIBLE
-    known = {Minimum.WORD: Rung.WORD, Minimum.STRONG: Rung.STRONG}
-    found = verdict.second_order
-    return Rung.EXTREMAL if found is None else known.get(found.kind, Rung.EXTREMAL)
+def rung_of(solution: "Solution") -> Rung:
+    """Return the highest rung of the trunk and the local branch that a solution reaches; the lowest
+    where nobody judged.
+    """
+    reached = {step.rung for step in ladder_steps(solution) if step.holds}
+    return next((rung for rung in _LOCAL if rung in reached), Rung.INFEASIBLE)
 
 
-def ladder_steps(verdict: "Verdict") -> tuple[Step, ...]:
-    """Return the rungs above the lowest with what decides each, from below."""
-    height, found, grade = rung_of(verdict).height, verdict.second_order, verdict.grade
+def reaches(solution: "Solution", rung: Rung) -> bool:
+    """Tell whether a solution is on a rung, or on one that stands on it."""
+    return rung is Rung.INFEASIBLE or any(
+        step.holds and step.rung.implies(rung) for step in ladder_steps(solution)
+    )
+
+
+def top_steps(solution: "Solution") -> list[Step]:
+    """Return the highest step that holds of every branch, the local one first, which may be the
+    trunk's.
+    """
+    held, local = [step for step in ladder_steps(solution) if step.holds], rung_of(solution)
+    return [
+        step
+        for step in held
+        if step.rung is local
+        or not any(each is not step and each.rung.implies(step.rung) for each in held)
+    ]
+
+
+def ladder_steps(solution: "Solution") -> tuple[Step, ...]:
+    """Return the rungs above the lowest that a solution was asked for, with what decides each, from
+    below; none where nobody judged.
+    """
+    verdict = solution.verdict
+    if verdict is None:
+        return ()
+    steps = [*_judged(verdict), *_counted(verdict, solution.starts, solution.objective)]
+    for proof in solution.proofs:
+        steps = _with(steps, proof, verdict)
+    return tuple(steps)
+
+
+def _with(steps: list[Step], proof: Proof, verdict: "Verdict") -> list[Step]:
+    """Return steps with what a proof says of one of them.
+
+    The rung below has to hold, and a bound compares an objective that is reached to `COMPARED`.
+    """
+    reached = verdict.miss <= COMPARED if proof.rung is Rung.GLOBAL else True
+    below = any(
+        step.holds and proof.rung.below is not None and step.rung.implies(proof.rung.below)
+        for step in steps
+    )
+    proved = Step(
+        rung=proof.rung,
+        holds=below and reached,
+        figure=proof.margin,
+        why=proof.statement,
+        proved=True,
+    )
+    if proof.rung in _PROVED:
+        return [*steps, proved]
+    return [proved if step.rung is proof.rung else step for step in steps]
+
+
+def _counted(verdict: "Verdict", starts: "Starts | None", objective: float) -> Iterator[Step]:
+    """Yield the step of a solution that a search took as the best of its starts."""
+    if starts is None or not verdict.extremal:
+        return
+    lower = [each for each in starts.extremals if each.objective < objective]
+    why = ""
+    if starts.tried < 2:
+        why = "one start: nothing to compare"
+    elif lower:
+        why = f"another extremal, {lower[0].word}, has {lower[0].objective:.12g}"
+    elif starts.better is not None:
+        why = f"a feasible point that is no extremal reaches {starts.better:.12g}"
+    yield Step(rung=Rung.BEST, holds=not why, figure=float(starts.tried), why=why)
+
+
+def _judged(verdict: "Verdict") -> Iterator[Step]:
+    """Yield the steps of the trunk and of the local branch."""
+    found, grade = verdict.second_order, verdict.grade
+    kind = found.kind if found and verdict.extremal else Minimum.UNTESTED
     curved = None if found is None else found.word
     free = curved is not None and curved.free > 0
     limits = "; ".join(() if found is None else found.limits)
-    of_word = "" if free and height >= Rung.WORD.height else limits
-    steps = [
-        Step(rung=Rung.FEASIBLE, holds=verdict.feasible, figure=verdict.miss, allowed=FEASIBLE),
-        Step(
-            rung=Rung.EXTREMAL,
-            holds=verdict.extremal,
-            figure=verdict.residual if verdict.findings else None,
-            allowed=EXTREMAL,
-            why="; ".join(verdict.reasons[:1]),
-        ),
-        Step(
-            rung=Rung.WORD,
-            holds=height >= Rung.WORD.height,
-            figure=curved.least if curved and free else None,
-            allowed=curved.error if curved and free else None,
-            why="no direction is free" if curved and not free else of_word,
-        ),
-        Step(
-            rung=Rung.STRONG,
-            holds=height >= Rung.STRONG.height,
-            why=found.theorem if found and found.theorem else limits,
-        ),
-    ]
+    yield Step(rung=Rung.FEASIBLE, holds=verdict.feasible, figure=verdict.miss, allowed=FEASIBLE)
     if grade is not None:
         allowed = APPROXIMATE * grade.size
-        near = Step(
-            rung=Rung.APPROXIMATE, holds=verdict.approximate, figure=grade.error, allowed=allowed
-        )
-        steps.insert(1, near)
-    return tuple(steps)
+        near = Step(rung=Rung.APPROXIMATE, holds=verdict.approximate, figure=grade.error)
+        yield replace(near, allowed=allowed)
+    yield Step(
+        rung=Rung.EXTREMAL,
+        holds=verdict.extremal,
+        figure=verdict.residual if verdict.findings else None,
+        allowed=EXTREMAL,
+        why="; ".join(verdict.reasons[:1]),
+    )
+    of_word = Step(rung=Rung.WORD, holds=kind.shown, why=limits)
+    if curved and free:
+        figures = replace(of_word, figure=curved.least, allowed=curved.error)
+        of_word = replace(figures, why="" if kind.shown else limits)
+    elif curved:
+        of_word = replace(of_word, why="no direction is free")
+    yield of_word
+    theorem = found.theorem if found and found.theorem else limits
+    yield Step(rung=Rung.STRONG, holds=kind is Minimum.STRONG, why=theorem)

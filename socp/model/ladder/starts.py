@@ -21,9 +21,11 @@ class Met:
 class Starts:
     """How many coarse solves a search began with, `tried`, the local solutions in which they ended,
     by the objectives of their coarse grid, best first, and the `extremals` that were certified on
-    the way, other than the one returned.
+    the way, other than the one returned; `better` is the objective of a feasible point that is
+    clearly better and that nothing certified, None where there was none.
     """
 
     tried: int
     coarse: tuple[Met, ...] = ()
     extremals: tuple[Met, ...] = ()
+    better: float | None = None

@@ -1,10 +1,11 @@
 """Whether an extremal with singular arcs is a minimum: its second variation with the singular
-control free, after Goh's transformation, as a matrix that has to settle under refinement.
+controls free, after Goh's transformation, as a matrix that has to settle under refinement.
 
 Unknowns are the initial time, the lengths, parameters and initial states of the word, the
-primitive w of the singular control's variation, a polynomial on every interval, and its values h
+primitive w of every singular control's variation, a polynomial on every interval, and its values h
 where it ends. A switch between a bang and a singular arc is no unknown of its own: moving it is a
-change of w up to higher order, and would make any form degenerate.
+change of w up to higher order, and would make any form degenerate. Where one control's w ends and
+another's goes on, no term of both is left: N B is symmetric.
 """
 
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from socp.errors import MethodError
 from socp.model import TINY, Curvature, Mode, Problem, Word, mayer_function, once, parameters_of
 from socp.transcription import Phase, Shooting, follow
 from socp.verdict.minimum.induced import WEAK, Induced, Pair
+from socp.verdict.minimum.stages import gauss, stages
 from socp.verdict.minimum.variation import Quadratic, reference, singular_places
 
 _NODES = 5  # Gauss points of a piece: the motion to order 10, and w of degree 4
@@ -25,7 +27,8 @@ _PIECES = (1, 2, 4)  # of every interval of the mesh: each matrix contains the o
 # Steps of the least eigenvalue from one refinement to the next: a geometric series of this ratio
 # bounds what is left, and a step this small against the eigenvalue is none
 _FALLING, _SETTLED = 0.75, 1e-6
-# Of the magnitudes: as far may w's own terms be apart where another control switches
+# Of the magnitudes: as far may w's own terms be apart where another control switches, and N B be
+# from symmetric
 _CONTINUES = 1e-6
 # Of the largest entries: a value of w with none larger neither costs nor moves anything
 _IDLE = 1e-9
@@ -42,6 +45,9 @@ def singular_curvature(problem: Problem, pair: Pair) -> tuple[Curvature | None, 
     least: list[float] = []
     for pieces in _PIECES:
         form = _Form(problem, pair.coarse, quadratics, pieces)
+        if form.asymmetric:  # v may be as large as one likes for the same w
+            why = f"Goh's condition does not hold on arc {form.asymmetric[0] + 1}"
+            return Curvature(least=-np.inf, error=0.0, free=form.columns[1]), why
         if form.fault:
             return None, form.fault
         values, idle = form.eigenvalues
@@ -60,8 +66,6 @@ def _quadratics(problem: Problem, pair: Pair) -> tuple[Quadratic, ...] | str:
     """Return the coefficients of every phase, or the reason why there are none."""
     shooting = pair.coarse.conditions.shooting
     places = singular_places(shooting)
-    if any(len(each) > 1 for each in places):
-        return "several controls are singular at once"
     if any(count > 1 for count in pair.pieces):
         return "the dynamics have a kink on the way"
     try:
@@ -71,8 +75,7 @@ def _quadratics(problem: Problem, pair: Pair) -> tuple[Quadratic, ...] | str:
     if any(phase.carried.numel() for phase in phases):
         return "a law beside the singular control needs the costate"
     return tuple(
-        Quadratic(problem, phase, place[0] if place else None)
-        for phase, place in zip(phases, places, strict=True)
+        Quadratic(problem, phase, place) for phase, place in zip(phases, places, strict=True)
     )
 
 
@@ -115,16 +118,16 @@ class _Form:
         return self.known.conditions.shooting
 
     @cached_property
-    def places(self) -> list[int | None]:
-        """Of every phase the place of its singular control."""
+    def places(self) -> list[tuple[int, ...]]:
+        """Of every phase the places of its singular controls."""
         return [each.free for each in self.quadratics]
 
     @cached_property
-    def ends(self) -> list[bool]:
-        """Of every phase whether a singular control's w ends with it."""
-        following = [*self.places[1:], None]
+    def ends(self) -> list[tuple[int, ...]]:
+        """Of every phase the places of the controls whose w ends with it."""
+        following = [*self.places[1:], ()]
         return [
-            here is not None and here != there
+            tuple(place for place in here if place not in there)
             for here, there in zip(self.places, following, strict=True)
         ]
 
@@ -136,25 +139,30 @@ class _Form:
 
     @cached_property
     def columns(self) -> tuple[list[int], int]:
-        """Of every phase the first column of its w, which its h follows, and the number of all."""
+        """Of every phase the first column of its w, control by control, which its h follow, and
+        the number of all.
+        """
         at, first = self.base.size, []
-        for (_, arc), place, ends in zip(self.shooting.pairs, self.places, self.ends, strict=True):
+        for k, (places, ends) in enumerate(zip(self.places, self.ends, strict=True)):
             first.append(at)
-            count = _NODES * (arc.mesh.size - 1) * self.pieces
-            at += (count if place is not None else 0) + int(ends)
+            at += self.count(k) * len(places) + len(ends)
         return first, at
+
+    def count(self, k: int) -> int:
+        """Return how many values of w phase k has, of every singular control."""
+        arc = self.shooting.pairs[k][1]
+        return _NODES * (int(arc.mesh.size) - 1) * self.pieces
 
     def at(self, k: int, nodes: np.ndarray) -> dict[str, np.ndarray]:
         """Return the coefficients of phase k at nodes (s,) of every interval of its mesh."""
         p = parameters_of(self.problem, self.shooting.solution)
         return self.quadratics[k].at(reference(self.known, k, nodes), p)
 
-    def unit(self, k: int) -> float:
-        """Return what w of phase k is measured in."""
-        place = self.places[k]
-        horizon = float(self.known.at[1 : 1 + len(self.quadratics)].sum())
-        width = 0.0 if place is None else float(np.diff(self.problem.box[:, place])[0])
-        return width * horizon
+    @cached_property
+    def units(self) -> np.ndarray:
+        """What w of every control (nu,) is measured in."""
+        horizon = self.known.at[1 : 1 + len(self.quadratics)].sum()
+        return np.array(np.diff(self.problem.box, axis=0)[0] * horizon)
 
     @cached_property
     def laid(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
@@ -181,53 +189,76 @@ class _Form:
             changed[place - rows : place - rows + nx] = y[:nx]
             if k + 1 < count and self.places[k] != self.places[k + 1]:
                 fixed.append(y[nx] / self.base[0])
-            elif k + 1 < count and self.places[k] is not None:
-                fault = fault or (self._torn(k, place) if self.pieces == _PIECES[0] else "")
+            if k + 1 < count and self.pieces == _PIECES[0]:
+                fault = fault or self._torn(k, place)
         return form, changed, np.reshape(fixed, (len(fixed), form.shape[0])), fault
 
     def _through(self, k: int, y: np.ndarray, form: np.ndarray) -> np.ndarray:
         """Carry changes y (ny, k) through a phase and add what it costs to the form."""
         nodes, weights, A = gauss(_NODES)
-        arc, column, unit = self.shooting.pairs[k][1], self.columns[0][k], self.unit(k)
+        arc, count, places = self.shooting.pairs[k][1], self.count(k), self.places[k]
+        first = self.columns[0][k] + count * np.arange(len(places))
         steps = np.diff(_corners(self.known, k, arc.mesh.size - 1, self.pieces))
         inside = (np.arange(self.pieces)[:, None] + nodes) / self.pieces
         at, horizon = self.at(k, inside.ravel()), float(self.base[0])
         for j, step in enumerate(steps):
             here = {name: e[j * _NODES : (j + 1) * _NODES] for name, e in at.items()}
             measure, driven = step * weights, np.zeros((_NODES, *y.shape))
-            own = column + j * _NODES + np.arange(_NODES)
-            size = unit * np.sqrt(horizon / measure)
-            if "B1" in here:
-                driven[np.arange(_NODES), :, own] = here["B1"][:, :, 0] * size[:, None]
-            xi, y = _stages(here["A"], driven, y, (step, weights, A))
+            own = first[:, None] + j * _NODES + np.arange(_NODES)
+            size = self.units[list(places), None] * np.sqrt(horizon / measure)
+            for a, columns in enumerate(own):
+                driven[np.arange(_NODES), :, columns] = here["B1"][:, :, a] * size[a][:, None]
+            xi, y = stages(here["A"], driven, y, (step, weights, A))
             bent = measure[:, None, None] * (here["Q"] @ xi)
             form += xi.reshape(-1, y.shape[1]).T @ bent.reshape(-1, y.shape[1])
-            if "B1" in here:
-                mixed = (measure * size)[:, None] * (here["M"] @ xi)[:, 0]
-                form[own] += mixed
-                form[:, own] += mixed.T
-                form[own, own] += measure * size**2 * here["R"][:, 0, 0]
+            for a, columns in enumerate(own):
+                mixed = (measure * size[a])[:, None] * (here["M"] @ xi)[:, a]
+                form[columns] += mixed
+                form[:, columns] += mixed.T
+                for b, others in enumerate(own):
+                    form[columns, others] += measure * size[a] * size[b] * here["R"][:, a, b]
         return self._ended(k, y, form) if self.ends[k] else y
 
     def _ended(self, k: int, y: np.ndarray, form: np.ndarray) -> np.ndarray:
-        """Add what the value h of w costs where it ends, and put it into the states."""
-        at = {name: each[-1:] for name, each in self.at(k, np.ones(1)).items()}
-        h = np.zeros(y.shape[1])
-        h[[*self.columns[0][1:], self.columns[1]][k] - 1] = self.unit(k)
-        mixed = np.outer(h, at["N"][0, 0] @ y)
-        form += mixed + mixed.T + at["NB"][0, 0, 0] * np.outer(h, h)
-        return np.array(y + at["B"][0] * h)
+        """Add what values h of w cost where they end, and put them into the states."""
+        at = {name: each[-1] for name, each in self.at(k, np.ones(1)).items()}
+        which = [self.places[k].index(place) for place in self.ends[k]]
+        h = np.zeros((len(which), y.shape[1]))
+        h[np.arange(len(which)), self._values[k]] = self.units[list(self.ends[k])]
+        mixed = h.T @ at["N"][which] @ y
+        form += mixed + mixed.T + h.T @ at["NB"][np.ix_(which, which)] @ h
+        return np.array(y + at["B"][:, which] @ h)
 
     def _torn(self, k: int, place: int) -> str:
-        """Return why w cannot go on where another control switches at the end of phase k."""
-        after = {name: each[:1] for name, each in self.at(k + 1, np.zeros(1)).items()}
-        ends = {name: each[-1:] for name, each in self.at(k, np.ones(1)).items()}, after
-        nx = self.problem.x.numel()
-        for name in ("B", "N", "NB"):
-            one, other = (each[name][0] for each in ends)
-            size = max(float(np.abs(one).max()), float(np.abs(other).max()), 1.0)
-            if np.abs(one - other).max() > _CONTINUES * size:
+        """Return why there is no form across the end of phase k."""
+        before, after = self.places[k], self.places[k + 1]
+        going = [each for each in before if each in after]
+        one, other = (phase.modes for phase in self.shooting.phased.phases[k : k + 2])
+        moved = {i for i, modes in enumerate(zip(one, other, strict=True)) if modes[0] != modes[1]}
+        if before != after and moved - (set(before) ^ set(after)):
+            return "another control switches where a singular arc begins or ends"
+        if not going:
+            return ""
+        ends = (
+            {name: each[-1] for name, each in self.at(k, np.ones(1)).items()},
+            {name: each[0] for name, each in self.at(k + 1, np.zeros(1)).items()},
+        )
+        terms = [
+            _terms(at, [places.index(each) for each in going])
+            for at, places in zip(ends, (before, after), strict=True)
+        ]
+        for left, right in zip(*terms, strict=True):
+            size = max(float(np.abs(left).max()), float(np.abs(right).max()), 1.0)
+            if np.abs(left - right).max() > _CONTINUES * size:
                 return "the singular control's terms jump where another control switches"
+        return self._held(k, place, terms[0][0])
+
+    def _held(self, k: int, place: int, driven: np.ndarray) -> str:
+        """Return why w cannot go on where it moves, by B (ny, m), what has to hold between phases.
+
+        Changes of the states before and after are those of y = xi + B w, where w has no value.
+        """
+        nx = self.problem.x.numel()
         _, chain = self.shooting.chain
         rows = nx + self.shooting.phased.phases[k].carried.numel()
         held = np.vstack(
@@ -236,7 +267,7 @@ class _Form:
                 for at in (place - rows, place)
             ]
         )
-        moved = np.abs(held @ ends[0]["B"][0][:nx])
+        moved = np.abs(held @ driven[:nx])
         if (moved > _CONTINUES * np.maximum(np.abs(held).sum(axis=1)[:, None], 1.0)).any():
             return "the singular control moves what a constraint holds where an arc along it begins"
         return ""
@@ -245,6 +276,17 @@ class _Form:
     def fault(self) -> str:
         """Why there is no such form; empty if there is."""
         return self.laid[3]
+
+    @property
+    def asymmetric(self) -> list[int]:
+        """The phases where several singular controls break Goh's condition, N B symmetric."""
+        found = []
+        for k in (k for k, places in enumerate(self.places) if len(places) > 1):
+            at = self.at(k, np.linspace(0.0, 1.0, 3))
+            size = np.maximum((np.abs(at["N"]) @ np.abs(at["B"])).max(axis=(1, 2)), TINY)
+            off = np.abs(at["NB"] - at["NB"].transpose(0, 2, 1)).max(axis=(1, 2))
+            found += [k] if (off > _CONTINUES * size).any() else []
+        return found
 
     @cached_property
     def eigenvalues(self) -> tuple[np.ndarray, bool]:
@@ -260,7 +302,7 @@ class _Form:
         others = others[(self.shooting.signs[others] == 0) | ~self._weak(others)]
         rows = np.vstack([slopes[others] @ changed, fixed])
         rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), TINY)
-        idle = [h for h in self._values if not self._felt(h, form, rows)]
+        idle = [h for each in self._values for h in each if not self._felt(h, form, rows)]
         form, rows = (np.delete(each, idle, axis=1) for each in (form, rows))
         form = np.delete(form, idle, axis=0)
         _, values, right = np.linalg.svd(rows)
@@ -268,11 +310,14 @@ class _Form:
         reduced = kernel.T @ form @ kernel
         return np.linalg.eigvalsh(0.5 * (reduced + reduced.T)), bool(idle)
 
-    @property
-    def _values(self) -> list[int]:
-        """Columns of the values h."""
-        first = [*self.columns[0][1:], self.columns[1]]
-        return [after - 1 for after, ends in zip(first, self.ends, strict=True) if ends]
+    @cached_property
+    def _values(self) -> list[list[int]]:
+        """Of every phase the columns of its values h."""
+        after = [*self.columns[0][1:], self.columns[1]]
+        return [
+            list(range(first - len(ends), first))
+            for first, ends in zip(after, self.ends, strict=True)
+        ]
 
     @staticmethod
     def _felt(h: int, form: np.ndarray, rows: np.ndarray) -> bool:
@@ -296,6 +341,11 @@ class _Form:
             found.append(block[:, nx:].ravel())
             at += block.size
         return np.concatenate(found).astype(int)
+
+
+def _terms(at: dict[str, np.ndarray], which: list[int]) -> list[np.ndarray]:
+    """Return B, N and N B of some of the singular controls."""
+    return [at["B"][:, which], at["N"][which], at["NB"][np.ix_(which, which)]]
 
 
 @once
@@ -324,29 +374,3 @@ def _corners(known: Induced, k: int, count: int, pieces: int) -> np.ndarray:
     places = np.interp(np.arange(count * pieces + 1) / pieces, np.arange(count + 1), shares)
     corners: np.ndarray = known.at[: 1 + k].sum() + known.at[1 + k] * places
     return corners
-
-
-def _stages(
-    A: np.ndarray, driven: np.ndarray, y: np.ndarray, rule: tuple[float, np.ndarray, np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return solutions of xi' = A xi + driven at the Gauss points (s, ny, k) and at the end
-    (ny, k), from y (ny, k); `rule` is the step with weights (s,) and matrix (s, s).
-    """
-    step, weights, matrix = rule
-    count, ny = A.shape[:2]
-    left = np.eye(count * ny) - step * np.einsum("ij,jab->iajb", matrix, A).reshape(count * ny, -1)
-    right = y[None] + step * np.einsum("ij,jak->iak", matrix, driven)
-    inside = np.linalg.solve(left, right.reshape(count * ny, -1)).reshape(right.shape)
-    slopes = np.einsum("jab,jbk->jak", A, inside) + driven
-    return inside, y + step * np.einsum("j,jak->ak", weights, slopes)
-
-
-def gauss(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return nodes (s,), weights (s,) and matrix (s, s) of the Gauss method on [0, 1] (Hairer,
-    Norsett, Wanner, Solving ODEs I, II.7).
-    """
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    nodes, weights = 0.5 * (nodes + 1.0), 0.5 * weights
-    powers = np.vander(nodes, count, increasing=True)
-    integrals = nodes[:, None] * powers / np.arange(1, count + 1)
-    return nodes, weights, np.linalg.solve(powers.T, integrals.T).T

@@ -103,29 +103,33 @@ def _minimum(problem: Problem, solution: Solution, pair: Pair, found: Curvature)
     if "singular" in kinds:
         curvature, why = singular_curvature(problem, pair)
         claim = replace(claim, singular=curvature)
-        limits.append(_of_singular(curvature, why))
+        limits.append(_of_singular(curvature, why, "boundary" in kinds))
     if "boundary" in kinds:
         limits.append("no theorem is checked for arcs along a state constraint")
     return replace(claim, limits=tuple(limits))
 
 
-def _of_singular(found: Curvature | None, why: str) -> str:
-    """Return what is known of variations of the singular control itself."""
+def _of_singular(found: Curvature | None, why: str, beside: bool) -> str:
+    """Return what is known of variations of the singular controls themselves, `beside` boundary
+    arcs or not.
+    """
     if found is None:
         return (
             f"variations of a singular control itself: the Legendre-Clebsch condition alone ({why})"
         )
+    kept = ", boundary arcs kept," if beside else ""
     if found.negative:
+        reason = f" ({why})" if why else ""
         return (
-            "with the singular control free the second variation is negative: controls that vary "
-            "along the singular arc do better, to second order"
+            f"with the singular control free{kept} the second variation is negative{reason}: "
+            "controls that vary along the singular arc do better, to second order"
         )
     if not found.positive:
-        return "with the singular control free the second variation is not positive definite"
+        return f"with the singular control free{kept} the second variation is not positive definite"
     left = f"; {why}" if why else ""
     return (
         "no theorem is checked for singular arcs, though the second variation with the singular "
-        f"control free is positive definite{left}"
+        f"control free{kept} is positive definite{left}"
     )
 
 

@@ -1,17 +1,18 @@
 """The second variation along the phases of a word, with singular controls free after Goh's
 transformation.
 
-In y = (x, t, r, p), where r stretches a phase in time (1 along the extremal), and with a singular
-control's variation v, the linearised motion is eta' = A eta + B v and the integrand 1/2 eta' Q eta
-+ v N eta, from the Hamiltonian r (L + lambda' f). With w the integral of v and eta = xi + B w,
+In y = (x, t, r, p), where r stretches a phase in time (1 along the extremal), and with variations v
+of the singular controls, the linearised motion is eta' = A eta + B v and the integrand 1/2 eta' Q
+eta + v' N eta, from the Hamiltonian r (L + lambda' f). With w the integral of v and eta = xi + B w,
 
     xi' = A xi + B1 w,  B1 = A B - B',
-    integrand 1/2 xi' Q xi + w M xi + 1/2 R w^2,
-    M = B' Q - N' - N A,  R = B' Q B - 2 N B1 - (N B)',
+    integrand 1/2 xi' Q xi + w' M xi + 1/2 w' R w,
+    M = B' Q - N' - N A,  R = B' Q B - N B1 - (N B1)' - (N B)',
 
-and w N xi + 1/2 w^2 N B at the end (Goh, SIAM J. Control 4, 1966; Aronna, Bonnans, Dmitruk,
+and w' N xi + 1/2 w' N B w at the end (Goh, SIAM J. Control 4, 1966; Aronna, Bonnans, Dmitruk,
 Lotito, Numer. Algebra Control Optim. 2(3), 2012, section 3). A prime after a name in a product is
-the transpose, elsewhere the derivative along the extremal.
+the transpose, elsewhere the derivative along the extremal. With several singular controls that
+takes N B to be symmetric, which is Goh's condition: else v enters the form beside w.
 """
 
 from dataclasses import dataclass
@@ -131,19 +132,18 @@ NAMES = ("A", "Q", "B", "B1", "M", "R", "N", "NB")
 @dataclass(frozen=True, eq=False)
 class Quadratic:
     """The coefficients of the second variation of a phase as a function of its reference; `free`
-    is the place of the singular control, None where there is none.
+    are the places of the singular controls.
     """
 
     problem: Problem
     phase: Phase
-    free: int | None
+    free: tuple[int, ...]
 
     def at(self, along: Reference, p: np.ndarray) -> dict[str, np.ndarray]:
         """Return the coefficients by name, each (n, rows, columns)."""
-        v = along.u[[self.free]] if self.free is not None else np.empty((0, along.t.size))
+        v, count = along.u[list(self.free)], along.t.size
         found = _mapped(self._function, [along.x, v, along.costate, along.t[None, :], p])
-        names = NAMES if self.free is not None else NAMES[:2]
-        count = along.t.size
+        names = NAMES if self.free else NAMES[:2]
         return {
             name: each.reshape(each.shape[0], count, -1).transpose(1, 0, 2)
             for name, each in zip(names, found, strict=True)
@@ -160,31 +160,34 @@ class Quadratic:
 
         def derivative(expression: Expr) -> Expr:
             """Along the extremal; what is differentiated does not depend on the control."""
-            return (
-                casadi.jtimes(expression, problem.x, rate)
-                - casadi.jtimes(expression, problem.costate, casadi.gradient(H, problem.x))
-                + casadi.jtimes(expression, time, casadi.SX(1))
+            entries = casadi.vec(expression)
+            found = (
+                casadi.jtimes(entries, problem.x, rate)
+                - casadi.jtimes(entries, problem.costate, casadi.gradient(H, problem.x))
+                + casadi.jtimes(entries, time, casadi.SX(1))
             )
+            return casadi.reshape(found, *expression.shape)
 
         A = casadi.jacobian(motion, y)
         Q = casadi.hessian(r * H, y)[0]
         found = [A, Q]
-        if self.free is not None:
+        if self.free:
             B = casadi.jacobian(motion, phase.free)
             N = casadi.jacobian(casadi.gradient(r * H, phase.free), y)
             NB = casadi.mtimes(N, B)
             B1 = casadi.mtimes(A, B) - derivative(B)
-            M = casadi.mtimes(B.T, Q) - derivative(N.T).T - casadi.mtimes(N, A)
-            R = casadi.mtimes([B.T, Q, B]) - 2 * casadi.mtimes(N, B1) - derivative(NB)
+            M = casadi.mtimes(B.T, Q) - derivative(N) - casadi.mtimes(N, A)
+            bent = casadi.mtimes(N, B1)
+            R = casadi.mtimes([B.T, Q, B]) - bent - bent.T - derivative(NB)
             found += [B, B1, M, R, N, NB]
         at = [casadi.densify(casadi.substitute(each, r, 1)) for each in found]
         given = [problem.x, phase.free, problem.costate, time, problem.p]
         return casadi.Function("quadratic", given, at)
 
 
-def singular_places(shooting: Shooting) -> list[list[int]]:
+def singular_places(shooting: Shooting) -> list[tuple[int, ...]]:
     """Return, phase by phase, the places of the singular controls."""
     return [
-        [i for i, mode in enumerate(phase.modes) if mode.kind == "singular"]
+        tuple(i for i, mode in enumerate(phase.modes) if mode.kind == "singular")
         for phase in shooting.phased.phases
     ]

@@ -15,6 +15,7 @@ from socp.view.exports import unit
 from socp.view.figures import style
 from socp.view.figures.arrangement import LEFT, RIGHT, TWO, Panel, TimeAxis, arranged, composed
 from socp.view.figures.axes import Curve, draw_curve, draw_scene
+from socp.view.ladder import top_text
 from socp.view.picture import picture_of, scene_of
 from socp.view.traces import Traces, sampled
 
@@ -77,7 +78,9 @@ def draw(
             for curve in group
             for mode, _, _ in curve.stretches
         }
-        return composed(top, arranged(made, beside, one=width < TWO), axis, arcs, width)
+        figure = composed(top, arranged(made, beside, one=width < TWO), axis, arcs, width)
+        figure.set_label("; ".join(filter(None, (solution.problem, top_text(solution)))))
+        return figure
 
 
 def check(panels: Sequence[str]) -> None:
@@ -90,18 +93,21 @@ def check(panels: Sequence[str]) -> None:
 def to_bytes(figure: Any, ending: str) -> bytes:
     """Return a figure as a PNG, SVG or PDF file, the same bytes for the same figure.
 
+    Its label, what is known of the solution, is the file's description.
+
     Raises MethodError for any other ending.
     """
     if ending not in ENDINGS:
         raise MethodError(f"no figures as '{ending}'; there are {', '.join(ENDINGS)}")
     matplotlib, file = errors.load("matplotlib", "plot", "a figure"), io.BytesIO()
-    undated = {
-        "png": {"Software": None},
-        "svg": {"Date": None, "Creator": None},
-        "pdf": {"CreationDate": None},
+    said = figure.get_label() or None
+    about = {
+        "png": {"Software": None, **({"Description": said} if said else {})},
+        "svg": {"Date": None, "Creator": None, "Description": said},
+        "pdf": {"CreationDate": None, "Subject": said},
     }
     with matplotlib.rc_context(style.SETTINGS):
-        figure.savefig(file, format=ending, metadata=undated[ending], dpi=_DPI)
+        figure.savefig(file, format=ending, metadata=about[ending], dpi=_DPI)
     return file.getvalue()
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from socp.model import Problem, Solution
 from socp.process import markdown, markdown_code
+from socp.view.ladder import ladder_table
 from socp.view.report import conditions, judgement, solution_rows
 
 
@@ -22,8 +23,11 @@ def summary(problem: Problem, solution: Solution) -> str:
         f"## Verdict: {judgement(solution.verdict)}",
     ]
     found = [] if solution.verdict is None else conditions(solution.verdict)
-    if found:
-        parts.append(table(found[0], (map(markdown, row) for row in found[1:])))
+    parts += [
+        table(each[0], (map(markdown, row) for row in each[1:]))
+        for each in (ladder_table(solution), found)
+        if each
+    ]
     if problem.reference is not None:
         parts.append(f"## Reference\n\n{markdown(problem.reference.source)}")
     if solution.versions:
