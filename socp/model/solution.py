@@ -14,6 +14,7 @@ from socp.model.findings import Agreement, Feasibility, Node, Verdict
 from socp.model.ladder.sensitivity import Sensitivities
 from socp.model.ladder.starts import Starts
 from socp.model.tolerances import EXTREMAL
+from socp.model.word import Word
 
 if TYPE_CHECKING:
     from socp.model.problem import Problem
@@ -128,6 +129,11 @@ class Solution:
             f"{name}: {' '.join(mode for mode, _, _ in row)}"
             for name, row in self.structure.items()
         )
+
+    @property
+    def followed(self) -> Word:
+        """The word that its arcs follow, with their modes as they stand."""
+        return Word(self.control_names, tuple(arc.modes for arc in self.arcs))
 
     @property
     def switches(self) -> list[float]:
