@@ -98,7 +98,8 @@ class Auto(Method):
         search, directs = known
         whole, first, scouting = time_shares(self.seconds)
         with time_limit(whole):
-            found = warm_start(problem, guess, search, watch)
+            with time_limit(first):
+                found = warm_start(problem, guess, search, watch)
             if found is not None:
                 return found
             with time_limit(first):

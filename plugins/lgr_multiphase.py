@@ -102,9 +102,11 @@ class LgrMultiphase(Method):
         """Return the word to solve along, None where controls are free."""
         if self.word:
             return Word.parse(self.word, problem.control_names)
+        known = {None, *(constraint.name for constraint in problem.constraints)}
         if self.phases or not guess.lawful:
             return None
-        return Word(problem.control_names, tuple(arc.modes for arc in guess.arcs))
+        modes = [mode for arc in guess.arcs for mode in arc.modes]
+        return guess.followed if all(mode.constraint in known for mode in modes) else None
 
     def _cut(self, guess: Solution, count: int) -> Solution:
         if not self.lengths:

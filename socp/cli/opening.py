@@ -26,15 +26,14 @@ def open_result(
     is None where there is none of them. SolveError says what is wrong with the file, or that it is
     not a result of its problem.
     """
-    from socp.model import Problem, load, quotation
+    from socp.model import carried_problem, load, quotation
 
-    solution, own = load(path), None
+    solution = load(path)
     registry = registry or session.registry()
-    if solution.statement is not None:
-        try:
-            own = Problem.from_statement(solution.statement)
-        except ProblemError as error:
-            raise SolveError(f"{path}: its statement is no problem: {quotation(error)}") from error
+    try:
+        own = carried_problem(solution)
+    except ProblemError as error:
+        raise SolveError(f"{path}: its statement is no problem: {quotation(error)}") from error
     if given is not None:
         problem = load_problem(given, registry)
         if own is not None:
@@ -46,7 +45,7 @@ def open_result(
     if own is not None:
         if registered is not None:
             told = f"the result's own problem is used; the registered '{solution.problem}' differs"
-            _compare(session, own, registered, told)
+            _compare(session, own, _valued(own, registered), told)
         return solution, own
     if registered is None:
         return solution, None
@@ -74,6 +73,17 @@ def _registered(name: str, registry: "Registry") -> "Problem | None":
         return registry.problem(name) if name in registry.entries else None
     except ProblemError:  # it says nothing about the result that an installed problem is broken
         return None
+
+
+def _valued(own: "Problem", registered: "Problem") -> "Problem":
+    """Return a registered problem with the constants of a result's own: `--set` changes them, and a
+    report says which they are.
+    """
+    named = {k: v.value for k, v in own.constants.items() if k in registered.constants}
+    try:
+        return registered.with_(named)
+    except ProblemError:  # no problem has these values any more
+        return registered
 
 
 def _agreeing(path: str, solution: "Solution", problem: "Problem") -> "Solution":

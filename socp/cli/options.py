@@ -47,14 +47,14 @@ def build(method: "type[Method]", given: Iterable[tuple[str, str]]) -> "Method":
     """Return a method with options set from their texts; MethodError names the unknown, missing or
     mistyped.
     """
-    from socp.methods import check_options, is_required, options
+    from socp.methods import check_options, is_required, named_backend, options
 
     fields = {each.name: each for each in options(method)}
     hints = get_type_hints(method)
     given, values = list(given), dict[str, Any]()
     for key, text in given:
         if key in fields and _swappable(fields[key], hints[key]):
-            values[key] = _named(f"{method.name}: {key}", text)
+            values[key] = named_backend(f"{method.name}: {key}", text)
     for key, text in given:
         holder, dot, inner = key.partition(".")
         if dot:
@@ -139,15 +139,6 @@ def _swappable(each: "Field[Any]", hint: Any) -> bool:
     from socp.solvers import Backend
 
     return hint is Backend and has_options(each)
-
-
-def _named(place: str, name: str) -> Any:
-    """Return the backend of a name."""
-    from socp.solvers import BACKENDS
-
-    if name not in BACKENDS:
-        raise MethodError(f"{place}: no backend '{short(name)}'{suggest(name, BACKENDS)}")
-    return BACKENDS[name]()
 
 
 def _default(each: "Field[Any]") -> Any:

@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
+from rich.text import Text
 
 from socp.cli.options import pairs
 from socp.errors import MethodError, ProblemError
-from socp.process import short
+from socp.process import one_line, short
 from socp.registry import Registry, load_problem
 
 if TYPE_CHECKING:
@@ -30,13 +31,29 @@ def load_posed(given: str, changes: Sequence[str], registry: Registry) -> "Probl
     that leaves no problem.
     """
     problem = load_problem(given, registry)
-    named = pairs(changes, "--set", "start.x=30")
+    named = told(changes)
     if not named:
         return problem
     try:
-        return problem.with_({name: _value(name, text) for name, text in named})
+        return problem.with_({name: _value(name, text) for name, text in named.items()})
     except ProblemError as error:
         raise MethodError(f"--set: {error}") from error
+
+
+def told(changes: Sequence[str]) -> dict[str, str]:
+    """Return what is set, by name, as it was written; MethodError for a name given twice."""
+    found: dict[str, str] = {}
+    for name, text in pairs(changes, "--set", "start.x=30"):
+        if name in found:
+            raise MethodError(f"--set {short(name)} is given twice")
+        found[name] = text
+    return found
+
+
+def told_line(changes: Sequence[str]) -> list[Text]:
+    """Return the line of a report that says what was set, none where nothing was."""
+    set_ = ", ".join(f"{name}={text}" for name, text in told(changes).items())
+    return [Text(one_line(f"set  {set_}"))] if set_ else []
 
 
 def _value(name: str, text: str) -> Any:

@@ -5,7 +5,9 @@ from .chain import versions as versions
 from .contract import WANTED as WANTED
 from .contract import Method as Method
 from .contract import check_options as check_options
+from .contract import is_backend as is_backend
 from .contract import is_required as is_required
+from .contract import named_backend as named_backend
 from .contract import option as option
 from .contract import option_range as option_range
 from .contract import options as options

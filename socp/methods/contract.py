@@ -13,8 +13,8 @@ from typing import Any, ClassVar, get_args, get_type_hints
 
 from socp.errors import MethodError
 from socp.model import Problem, Progress, Solution, Stop, Watch, is_number, silent
-from socp.process import one_thread, shown
-from socp.solvers import NLP, NLPPoint, Reduced, Solver
+from socp.process import close, one_thread, short, shown
+from socp.solvers import BACKENDS, NLP, Backend, NLPPoint, Reduced, Solver
 from socp.transcription import Mesh, PhasedProblem, collocate, single_phase
 
 LARGEST = 100_000  # steps, points or arcs: programmes of more do not fit into memory
@@ -65,6 +65,8 @@ def check_options(method: Method) -> None:
     for each in options(type(method)):
         value, kinds = getattr(method, each.name), get_args(hints[each.name]) or (hints[each.name],)
         place = f"{method.name}: {each.name}"
+        if Backend in kinds and not callable(value):
+            raise MethodError(f"{place}={shown(value)}, but it should be a backend")
         kind = next((kind for kind in kinds if isinstance(kind, type) and kind in WANTED), None)
         if kind is None or (value is None and NoneType in kinds):
             continue
@@ -73,6 +75,20 @@ def check_options(method: Method) -> None:
             raise MethodError(f"{place}={shown(value)}, but it should be {WANTED[kind]}{finite}")
         if kind in {int, float}:
             _in_range(place, value, each, whole=kind is int)
+
+
+def is_backend(method: type[Method], name: str) -> bool:
+    """Tell whether any backend will do for an option."""
+    return get_type_hints(method).get(name) is Backend
+
+
+def named_backend(place: str, name: str) -> Backend:
+    """Return the backend of a name; MethodError, starting with the place, where there is none."""
+    if name not in BACKENDS:
+        near = close(name, BACKENDS) or f"; there are {', '.join(BACKENDS)}"
+        raise MethodError(f"{place}: no backend '{short(name)}'{near}")
+    found: Backend = BACKENDS[name]()
+    return found
 
 
 def option_range(each: Field[Any], *, whole: bool) -> tuple[float | None, float | None]:

@@ -2,6 +2,8 @@ from .advice import hint_for as hint_for
 from .arc import Arc as Arc
 from .arc import join as join
 from .checks import check_controls as check_controls
+from .data.carried import carried_problem as carried_problem
+from .data.carried import known_problem as known_problem
 from .data.comparing import differences as differences
 from .data.consistency import check_constraints as check_constraints
 from .data.constants import Constant as Constant

@@ -28,6 +28,7 @@ from socp.model.symbols import (
 )
 
 _TIMES = ("time", "t", "t0", "tf")  # names of the time and of its ends
+_BESIDE = {*TEXTS, "name", "units", "guess", "scene", "reference"}  # what defines no problem
 
 
 @final
@@ -83,6 +84,8 @@ class Problem:
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
+        for name in ("bounds", "start", "end", "initial_time", "final_time"):
+            object.__setattr__(self, name, constants.numbers_in(getattr(self, name)))
         formula = constants.formula_of(self._arguments, self.formula)
         for name, value in {} if formula is None else formula.fields.items():
             object.__setattr__(self, name, value)
@@ -126,7 +129,11 @@ class Problem:
         ones are given: they are those of another problem. Raises ProblemError, with the closest
         name, for what there is not, and for what is no problem any more.
         """
-        told, known = {**(named or {}), **given}, self.formula
+        known = self.formula
+        try:
+            told = {**changes.by_name({} if named is None else named), **given}
+        except ProblemError as error:
+            raise ProblemError(f"problem '{self.name}': {error}") from None
         own = {} if known is None else {symbol.name(): symbol for symbol in known.values}
         symbols = {symbol.name(): symbol for kind in self.symbols.values() for symbol in kind}
         written = self._arguments if known is None else known.written(self._arguments)
@@ -134,7 +141,7 @@ class Problem:
             found, values = changes.changed(written, own, symbols, told)
         except ProblemError as error:
             raise ProblemError(f"problem '{self.name}': {error}") from None
-        if told.keys() - {*TEXTS, "name", "units", "guess", "scene", "reference"}:
+        if {name.partition(".")[0] for name in told} - _BESIDE:
             found["reference"] = told.get("reference")
         if known is not None:
             known = Formula({**known.values, **values}, {}, {})

@@ -15,6 +15,7 @@ from socp.model.ladder.rungs import Proof
 from socp.model.ladder.sensitivity import Sensitivities
 from socp.model.ladder.starts import Starts
 from socp.model.tolerances import EXTREMAL
+from socp.model.word import Word
 
 if TYPE_CHECKING:
     from socp.model.problem import Problem
@@ -131,6 +132,11 @@ class Solution:
             f"{name}: {' '.join(mode for mode, _, _ in row)}"
             for name, row in self.structure.items()
         )
+
+    @property
+    def followed(self) -> Word:
+        """The word that its arcs follow, with their modes as they stand."""
+        return Word(self.control_names, tuple(arc.modes for arc in self.arcs))
 
     @property
     def switches(self) -> list[float]:

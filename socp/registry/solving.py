@@ -4,7 +4,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from socp.errors import MethodError
+from socp.errors import MethodError, ProblemError, SolveError
+from socp.process import shown
 from socp.registry.entries import suggest
 from socp.registry.loading import as_guess, load_guess, load_problem
 from socp.registry.plugins import Registry
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def solve(
-    problem: "Problem | str",
+    problem: "Problem | str | Path",
     guess: "Solution | str | Path | None" = None,
     method: str = "auto",
     *,
@@ -24,24 +25,37 @@ def solve(
 ) -> "Solution":
     """Solve a problem with a method of that name and its options, and return the judged solution.
 
-    The problem may be given by name or path as well, the guess by the path of a result; without one
-    it is the problem's own. Where the guess is a solution along a word, `auto` and `lgr-multiphase`
-    go on along that word. `watch` is told of the progress. Raises ProblemError and MethodError as
-    the command does, SolveError for a guess of other states, controls or parameters.
+    The problem may be given by name or path as well, the guess by the path of a result, a backend
+    by its name; without a guess it is the problem's own. Where the guess is a solution along a
+    word, `auto` and `lgr-multiphase` go on along that word. `watch` is told of the progress. Raises
+    ProblemError and MethodError as the command does, SolveError for a guess of other states,
+    controls or parameters.
     """
     from socp.methods import default_guess, run
-    from socp.model import silent
+    from socp.model import Solution, silent
 
     registry = _registry()
     how = _made(registry.method(method), options)
-    posed = load_problem(problem, registry) if isinstance(problem, str) else problem
+    posed = _posed(problem, registry)
     if guess is None:
         start = default_guess(posed)
     elif isinstance(guess, (str, Path)):
         start = load_guess(str(guess), posed)
-    else:
+    elif isinstance(guess, Solution):
         start = as_guess("guess", guess, posed)
+    else:
+        raise SolveError(f"guess: {shown(guess)} where a solution, or the path of one, is needed")
     return run(how, posed, start, silent if watch is None else watch)
+
+
+def _posed(given: Any, registry: Registry) -> "Problem":
+    from socp.model import Problem
+
+    if isinstance(given, (str, Path)):
+        return load_problem(str(given), registry)
+    if not isinstance(given, Problem):
+        raise ProblemError(f"solve: {shown(given)} where a problem, its name or path is needed")
+    return given
 
 
 @cache
@@ -53,7 +67,7 @@ def _made(method: "type[Method]", given: dict[str, Any]) -> "Method":
     """Return a method with its options; MethodError names the one that it does not have, or that
     it lacks.
     """
-    from socp.methods import is_required, options
+    from socp.methods import is_backend, is_required, named_backend, options
 
     fields = {each.name: each for each in options(method)}
     for name in given:
@@ -62,4 +76,7 @@ def _made(method: "type[Method]", given: dict[str, Any]) -> "Method":
     for name, each in fields.items():
         if is_required(each) and name not in given:
             raise MethodError(f"{method.name} needs a value of '{name}': {name}=...")
-    return method(**given)
+    backends = [name for name, value in given.items() if is_backend(method, name)]
+    named = {k: given[k] for k in backends if isinstance(given[k], str)}
+    made = {k: named_backend(f"{method.name}: {k}", name) for k, name in named.items()}
+    return method(**{**given, **made})

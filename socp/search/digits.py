@@ -100,7 +100,7 @@ def _compared(
     """Return the solution on the mesh that agrees best with the one before it, or the given one
     where none agrees.
     """
-    word = Word(problem.control_names, tuple(arc.modes for arc in best.arcs))
+    word = best.followed
     last = best
     for tolerance in _FINER:
         follower = Follower(points=_POINTS, tolerance=tolerance, longer=False, backend=wanted[1])

@@ -1,13 +1,13 @@
 """Warm starts: a neighbouring problem along the word of its guess, without scouting."""
 
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
-from socp.errors import ProblemError
 from socp.methods import polished, sound
-from socp.model import SHORTEST, Problem, Solution, Stop, Watch, silent
-from socp.search.effort import Search
+from socp.model import SHORTEST, Problem, Solution, Stop, Watch, known_problem, silent
+from socp.search.effort import Ration, Search
 from socp.search.neighbours import word_of
 from socp.search.refinement import try_words
 from socp.verdict import certified, learn
@@ -21,39 +21,42 @@ def warm_start(
     problem: Problem, guess: Solution, search: Search, watch: Watch = silent
 ) -> Solution | None:
     """Return a certified solution along the word of a guess, or along one next to it; None where
-    the guess has no word or that leads to none.
+    the guess has no word or that leads to none. One that is interrupted comes back with that stop,
+    the guess itself where nothing better is known yet.
 
     Newton on the conditions of the word starts from the guess's states and lengths, with the
     multipliers that fit them best. Where it does not settle, or on no extremal, the word is solved
-    by collocation and mended.
+    by collocation and mended. What leads nowhere takes neither words nor work from the search.
     """
     if not guess.lawful:
         return None
+    own = Search(backend=Ration(search.backend.left, search.backend.backend))
+    try:
+        found = _found(problem, guess, own, watch)
+    except KeyboardInterrupt:
+        found = replace(own.best or _unjudged(problem, guess), stop=Stop.INTERRUPTED)
+    search.nodes += own.nodes
+    if found is not None and found.extremal:
+        search.keep(found)
+        search.count += own.count
+    return found
+
+
+def _found(problem: Problem, guess: Solution, own: Search, watch: Watch) -> Solution | None:
     learn(problem, guess)
     found = _neighbour(problem, guess)
     if found is not None:
-        search.keep(found)
-        search.note(found.word, found)
+        own.note(found.word, found)
         return found
-    best = try_words(problem, iter([[word_of(guess)]]), search, watch, _WORDS)
-    stopped = best is not None and best.stop is Stop.INTERRUPTED
-    return best if best is not None and (best.extremal or stopped) else None
+    best = try_words(problem, iter([[word_of(guess)]]), own, watch, _WORDS)
+    if best is None or not (best.extremal or best.stop is Stop.INTERRUPTED):
+        return None
+    return best
 
 
 def _neighbour(problem: Problem, guess: Solution) -> Solution | None:
     """Return what Newton makes of a guess, where that is certified."""
-    start = Solution(
-        method=guess.method,
-        problem=problem.name,
-        arcs=guess.arcs,
-        objective=guess.objective,
-        stop=Stop.SOLVED,
-        message="Newton on the conditions of the guess's word",
-        state_names=guess.state_names,
-        control_names=guess.control_names,
-        parameters=guess.parameters,
-    )
-    found = None
+    start, found = _unjudged(problem, guess), None
     with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError, ValueError, ArithmeticError):
         # far from home Newton may overflow on its way to nowhere
         found = polished(problem, start, origin=_origin(problem, guess))
@@ -66,11 +69,28 @@ def _neighbour(problem: Problem, guess: Solution) -> Solution | None:
     return judged if judged.extremal else None
 
 
+def _unjudged(problem: Problem, guess: Solution) -> Solution:
+    """Return a guess as a solution of a problem, without what was said of it elsewhere."""
+    return Solution(
+        method=guess.method,
+        problem=problem.name,
+        arcs=guess.arcs,
+        objective=guess.objective,
+        stop=Stop.SOLVED,
+        message="Newton on the conditions of the guess's word",
+        state_names=guess.state_names,
+        control_names=guess.control_names,
+        parameters=guess.parameters,
+    )
+
+
 def _origin(problem: Problem, guess: Solution) -> Problem:
-    """Return the problem that a guess is a solution of, as far as it tells."""
-    if guess.statement is None:
-        return problem
-    try:
-        return Problem.from_statement(guess.statement)
-    except ProblemError:
-        return problem
+    """Return the problem that a guess is a solution of, as far as it tells; one of other states,
+    controls or parameters is no neighbour.
+    """
+    own = known_problem(guess)
+    return problem if own is None or _named(own) != _named(problem) else own
+
+
+def _named(problem: Problem) -> tuple[tuple[str, ...], ...]:
+    return problem.state_names, problem.control_names, problem.parameter_names

@@ -16,6 +16,7 @@ from socp.process import write_atomic
 from socp.study.clusters import Outcome
 
 _SCHEMA = 2  # version of the files
+_KEPT = 8  # digits of the key in a file's name: problems of other numbers stand beside each other
 
 
 @final
@@ -58,7 +59,7 @@ class Store:
 
     def write(self, outcome: Outcome) -> None:
         """Keep an outcome; SolveError names the file that cannot be written."""
-        path = self.folder / f"start-{outcome.number:04d}.json"
+        path = self.folder / f"start-{outcome.number:04d}-{self.key[:_KEPT]}.json"
         result = None if outcome.solution is None else json.loads(to_json(outcome.solution))
         document = {
             "schema": _SCHEMA,

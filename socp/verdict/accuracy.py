@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from socp.errors import MethodError
-from socp.model import ACTIVE, Problem, Solution, Verdict, Word, digits_of
+from socp.model import ACTIVE, Problem, Solution, Verdict, digits_of
 from socp.transcription import (
     PhasedProblem,
     Shooting,
@@ -132,8 +132,7 @@ def word_problem(
     None where there is no word, or an arc has no length.
     """
     try:
-        arcs = tuple(arc.modes for arc in solution.arcs)
-        phased = follow(problem, Word(problem.control_names, arcs))
+        phased = follow(problem, solution.followed)
     except MethodError:
         return None
     if (

@@ -237,10 +237,6 @@ STATED: dict[str, tuple[dict[str, Any], str]] = {
         "an array is no interval: write (float(a), float(b))",
     ),
     "DM as an end": ({"end": {x: DM(1)}}, "it holds a DM: float(...) makes a number of it"),
-    "expression as an end": (
-        {"end": {x: SX(1)}},
-        "it holds an SX: float(...) makes a number of it",
-    ),
     "MX": (
         {"dynamics": {x: MX.sym("m"), y: v}},
         "socp's symbols are casadi.SX, made by states, controls and parameters",

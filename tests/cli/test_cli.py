@@ -527,6 +527,28 @@ def test_compare_prints_one_table(socp: Command) -> None:
     assert table.index("euler-ipopt") < table.index("lgr")
 
 
+def test_what_was_set_is_told(socp: Command) -> None:
+    method = ("-m", "euler-ipopt", "-o", "steps=20")
+    changed = ("--set", "start.x=2", "--set", "final_time=3")
+    told = socp("compare", "double_integrator_time", *method, *changed[:2])
+    assert told.out.splitlines()[0] == "set  start.x=2"
+    said = json.loads(socp("compare", "double_integrator_time", *method, *changed, "--json").out)
+    assert said["set"] == {"start.x": "2", "final_time": "3"}
+
+
+def test_a_number_is_set_once(socp: Command) -> None:
+    said = socp("solve", "double_integrator_time", "--set", "start.x=2", "--set", "start.x=3")
+    assert (said.code, said.err) == (2, "error: --set start.x is given twice\n")
+
+
+def test_a_registered_problem_of_other_constants_is_no_other_problem(socp: Command) -> None:
+    method = ("-m", "euler-ipopt", "-o", "steps=20", "--quiet", "--out", "r.socp.json")
+    socp("solve", "auv", *method, "--set", "current=1")
+    assert "differs" not in socp("check", "r.socp.json").err
+    socp("solve", "auv", *method, "--set", "start.x=30")
+    assert "differs in: start.x" in socp("check", "r.socp.json").err
+
+
 def test_compare_goes_on_where_one_method_cannot(socp: Command) -> None:
     said = socp(
         "compare",

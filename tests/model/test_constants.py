@@ -6,6 +6,7 @@ import pickle
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from casadi import cos, sqrt, tanh
 
@@ -18,6 +19,7 @@ from socp.model.symbols import controls, final_time, free, initial, parameters, 
 x, v = states("x v")
 a = controls("a")
 mass = parameters("mass")
+unheard = constants(unheard=3)
 drag, limit = constants(drag=(0.25, "1/s", "of the water"), limit=2)
 
 
@@ -101,9 +103,29 @@ def test_numbers_are_set_by_name() -> None:
     assert POSED.with_({"initial_time.upper": 1.0}).initial_time == (0.25, 1.0)
 
 
+def test_symbols_stand_for_their_names_and_arrays_for_intervals() -> None:
+    assert POSED.with_({drag: 0.5}).constants["drag"].value == 0.5
+    other = POSED.with_(bounds={a: np.array([-1.0, 2.0])})
+    assert other.with_({"bounds.a.upper": 3}).bounds[a] == (-1.0, 3)
+
+
+def test_constants_that_cancel_leave_numbers() -> None:
+    posed = small(bounds={a: (limit - limit - 1, limit / limit)}, start={x: 0 * drag})
+    assert (posed.bounds[a], posed.start[x], posed.constants) == ((-1.0, 1.0), 0.0, {})
+
+
+@pytest.mark.parametrize("beside", [{"guess.x": 1}, {"title": "other"}, {"units": {x: "m"}}])
+def test_what_defines_no_problem_leaves_the_reference(beside: dict[str, Any]) -> None:
+    assert POSED.with_(beside).reference == POSED.reference
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
+        ({"unheard": 1}, "there is no 'unheard' to change: it is a constant that the problem does"),
+        ({"final_time.": 1}, "there is no 'final_time.' to change; did you mean 'final_time'?"),
+        ({3: 1}, "with_: 3 where the name of a number is needed"),
+        ("drag", "with_('drag'): give a table, such as {'start.x': 30}"),
         ({"drgg": 1}, "there is no 'drgg' to change; did you mean 'drag'?"),
         ({"start.w": 1}, "there is no 'start.w' to change; did you mean 'start.x'?"),
         ({"a.upper": 1}, "there is no 'a.upper' to change; did you mean 'bounds.a.upper'?"),
@@ -119,7 +141,7 @@ def test_numbers_are_set_by_name() -> None:
         ({"limit": -1}, "scene target: (0, 0, -1.0) where (cx, cy, radius)"),
     ],
 )
-def test_what_cannot_be_changed_is_named(change: dict[str, Any], said: str) -> None:
+def test_what_cannot_be_changed_is_named(change: Any, said: str) -> None:
     with pytest.raises(ProblemError) as refused:
         POSED.with_(change)
     assert str(refused.value).startswith(f"problem 'cart': {said}")
@@ -160,6 +182,7 @@ def test_a_relation_that_values_decide_is_refused() -> None:
         (lambda f: f["constants"]["drag"].update(value=0.5), "it is another problem"),
         (lambda f: f["places"].append([["start", "w"], 0]), "the problem has no place 'start.w'"),
         (lambda f: f["places"][0].__setitem__(1, 9999), "a place among"),
+        (lambda f: f["places"].append([[], 0]), "formula.places"),
         (lambda f: f["nodes"].append("w"), "no symbol 'w'"),
         (lambda f: f["constants"].update(x=f["constants"]["drag"]), "'x' names something else"),
         (lambda f: f["constants"]["drag"].update(text="\x1b[2J"), "control characters"),
@@ -172,6 +195,13 @@ def test_a_formula_that_was_changed_by_hand_is_refused(spoil: Any, said: str) ->
     with pytest.raises(ProblemError) as refused:
         Problem.from_statement(data)
     assert said in str(refused.value)
+
+
+def test_the_order_of_a_constant_s_fields_says_nothing() -> None:
+    data = json.loads(json.dumps(POSED.statement))
+    own = data["formula"]["constants"]
+    own["drag"] = dict(reversed(own["drag"].items()))
+    assert Problem.from_statement(data).constants["drag"] == Constant(0.25, "1/s", "of the water")
 
 
 def test_a_formula_that_reads_back_otherwise_leaves_the_numbers() -> None:

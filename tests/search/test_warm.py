@@ -1,15 +1,16 @@
 """Warm starts: neighbouring problems along the word of a solution, against closed forms."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from socp import solve
-from socp.errors import MethodError, SolveError
+from socp.errors import MethodError, SocpError, SolveError
 from socp.methods import default_guess
-from socp.model import Problem, Solution, constants, controls, final_time, states
+from socp.model import Problem, Solution, Stop, constants, controls, final_time, states
 from socp.search import Search
 from socp.search.warm import warm_start
 
@@ -151,6 +152,64 @@ def test_solve_takes_the_names_of_the_command(solved: Solution) -> None:
         solve(POND, guess=replace(solved, arcs=arcs))
     named = solve("jacobson_1", method="euler-ipopt", steps=50)
     assert (named.problem, named.options["steps"]) == ("jacobson_1", 50)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"problem": 3}, "solve: 3 where a problem, its name or path is needed"),
+        ({"problem": Path("nowhere.py")}, "nowhere.py: No such file"),
+        ({"guess": 3}, "guess: 3 where a solution, or the path of one, is needed"),
+        ({"backend": "ipop"}, "auto: backend: no backend 'ipop'; did you mean 'ipopt'"),
+        ({"backend": 3}, "auto: backend=3, but it should be a backend"),
+    ],
+)
+def test_what_solve_cannot_take_is_named(given: dict[str, Any], said: str) -> None:
+    with pytest.raises(SocpError, match=said):
+        solve(**{"problem": POND, **given})
+
+
+def test_a_backend_may_be_named(solved: Solution) -> None:
+    found = solve(POND, solved, "lgr-multiphase", backend="ipopt")
+    assert found.extremal
+    assert found.options["backend"] == "ipopt"
+
+
+def test_a_warm_start_that_leads_nowhere_takes_nothing_from_the_search(solved: Solution) -> None:
+    search = Search()
+    left = search.backend.left
+    assert warm_start(POND.with_({"end.x": 9}), solved, search) is None
+    assert (search.count, search.solved, search.best, search.backend.left) == (0, {}, None, left)
+    assert len(search.nodes) > 0
+
+
+def test_ctrl_c_in_a_warm_start_leaves_the_guess(
+    solved: Solution, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("socp.search.warm.polished", stopped)
+    found = solve(POND.with_(level=0.5), guess=solved)
+    assert found.stop is Stop.INTERRUPTED
+    assert found.switches == pytest.approx(solved.switches)
+    assert found.extremal is False
+
+
+def test_a_statement_of_another_problem_is_no_origin(solved: Solution) -> None:
+    lying = replace(solved, statement=DISC.statement)
+    close(warm_start(POND.with_(level=0.5), lying, Search()), 2 / 3 * 0.5**3, [0.5, 3.5])
+
+
+def test_a_word_along_a_limit_that_has_gone_is_not_followed() -> None:
+    given = {"minimise": final_time, "dynamics": {x: v, v: u}, "start": {x: 0, v: 0}}
+    rest = {**given, "end": {x: 2, v: 0}, "bounds": {u: (-1, 1)}}
+    limited = Problem(name="limited", **{**rest, "bounds": {u: (-1, 1), v: (None, 1)}})
+    along = solve(limited, method="lgr-multiphase", word="+ b -")
+    assert along.extremal
+    free = solve(Problem(name="free", **rest), along, "lgr-multiphase")
+    assert free.word != along.word
+    assert free.stop.ok
 
 
 def test_a_guess_without_a_statement_does_as_well(solved: Solution) -> None:

@@ -93,6 +93,12 @@ def test_a_start_that_leads_nowhere_says_why() -> None:
     assert "Infeasible" in found.error
 
 
+def kept(folder: Path, number: int) -> Path:
+    """Return the file of a start that was kept."""
+    (path,) = folder.glob(f"start-{number:04d}-*.json")
+    return path
+
+
 def test_a_survey_counts_starts_in_clusters_and_keeps_them(tmp_path: Path) -> None:
     problem = cart()
     store = Store(tmp_path / "cart.census", fingerprint(problem, recipe()))
@@ -111,15 +117,14 @@ def test_a_survey_counts_starts_in_clusters_and_keeps_them(tmp_path: Path) -> No
     assert seen[-1].stage == "2 of 2 starts"
     assert seen[-1].best == pytest.approx(2.0)
     assert sorted(path.name for path in store.folder.iterdir()) == [
-        "start-0000.json",
-        "start-0001.json",
+        f"start-{k:04d}-{store.key[:8]}.json" for k in range(2)
     ]
 
-    stamp = (store.folder / "start-0000.json").stat().st_mtime_ns
+    stamp = kept(store.folder, 0).stat().st_mtime_ns
     again = survey(problem, 1, store)
     assert [each.number for each in again.outcomes] == [0]
     assert to_json(again.best) == to_json(first.outcomes[0].solution)
-    assert (store.folder / "start-0000.json").stat().st_mtime_ns == stamp
+    assert kept(store.folder, 0).stat().st_mtime_ns == stamp
 
 
 @pytest.mark.slow
@@ -228,10 +233,10 @@ def test_kept_starts_of_another_formula_or_in_pieces_count_for_nothing(tmp_path:
     }
     assert to_json(store.read()[0].solution) == to_json(made(1.0))
     assert Store(tmp_path / "c", "other").read() == {}
-    text = (tmp_path / "c" / "start-0000.json").read_text()
+    text = kept(tmp_path / "c", 0).read_text()
     json.loads(text)
-    (tmp_path / "c" / "start-0000.json").write_text(text[:-20])
-    (tmp_path / "c" / "start-0001.json").write_bytes(b"\xff\xfe")
+    kept(tmp_path / "c", 0).write_text(text[:-20])
+    kept(tmp_path / "c", 1).write_bytes(b"\xff\xfe")
     assert store.read() == {}
 
 
@@ -383,11 +388,11 @@ def test_ctrl_c_keeps_what_is_there_and_the_next_run_goes_on(tmp_path: Path, job
     count = len(list((tmp_path / "cart.census").iterdir()))
     assert 0 < count < 500
     assert load(tmp_path / "cart.socp.json").extremal
-    stamp = (tmp_path / "cart.census" / "start-0000.json").stat().st_mtime_ns
+    stamp = kept(tmp_path / "cart.census", 0).stat().st_mtime_ns
     process = _spawned("census", "cart.py", "--starts", "1", "--json", cwd=tmp_path)
     out, _ = process.communicate(timeout=60)
     assert json.loads(out)["finished"] == 1
-    assert (tmp_path / "cart.census" / "start-0000.json").stat().st_mtime_ns == stamp
+    assert kept(tmp_path / "cart.census", 0).stat().st_mtime_ns == stamp
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from rich.text import Text
 from socp.cli.commands.recording import record_option, recording, recording_watch
 from socp.cli.machine import lacking
 from socp.cli.options import options_by_method
-from socp.cli.posing import load_posed, set_option
+from socp.cli.posing import load_posed, set_option, told, told_line
 from socp.cli.progress import progress
 from socp.cli.running import made, run_method
 from socp.cli.session import Exit, Session, messages, results, show, write_json
@@ -106,12 +106,13 @@ def compare(
             write_json(
                 {
                     "problem": posed.name,
+                    "set": told(how["changes"]),
                     "best": best,
                     "rows": [_record(posed, row, best) for row in rows],
                 }
             )
         else:
-            show(_fitting(results(), posed, rows, best))
+            show(*told_line(how["changes"]), _fitting(results(), posed, rows, best))
     for row in rows:
         if row.error:
             session.warn(f"{row.method}: {row.error}")

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from socp.cli.keeping import Place, keep
-from socp.cli.posing import load_posed, set_option
+from socp.cli.posing import load_posed, set_option, told, told_line
 from socp.cli.progress import progress
 from socp.cli.session import (
     Exit,
@@ -111,10 +111,12 @@ def census(session: Session, /, **given: Any) -> int:
             session.written.append(place.path)
     with signals_held():
         if given["as_json"]:
-            write_json({**_facts(posed, found), "result": str(place.path) if place else None})
+            more = {"set": told(named.changes), "result": str(place.path) if place else None}
+            write_json({**_facts(posed, found), **more})
         else:
             result = [Text(f"result  {place.path}")] if place else []
-            show(heading(posed.name, posed.title), *_tables(found), *result)
+            first = heading(posed.name, posed.title), *told_line(named.changes)
+            show(*first, *_tables(found), *result)
     for number in found.died:
         session.warn(f"start {number}: its worker process died")
     _say(session, place)
@@ -300,13 +302,15 @@ def frontier(session: Session, /, **given: Any) -> int:
             write_json(
                 {
                     **_ladder(posed, found),
+                    "set": told(given["changes"]),
                     "dwell": dwell,
                     "result": str(place.path) if place else None,
                 }
             )
         else:
             result = [Text(f"result  {place.path}")] if place else []
-            show(heading(posed.name, posed.title), _rows(found), Text(_words(found)), *result)
+            above = heading(posed.name, posed.title), *told_line(given["changes"])
+            show(*above, _rows(found), Text(_words(found)), *result)
     _say(session, place)
     if found.interrupted:
         session.note("interrupted: the table is of the words solved before")

@@ -3,9 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from socp.errors import ProblemError
 from socp.model.data.constants import constant_value
-from socp.model.symbols import Expr, free
+from socp.model.symbols import Expr, free, is_symbol, symbols_of
 from socp.process import close, shown
 
 Symbols = Mapping[str, Expr]  # by name
@@ -15,6 +17,17 @@ _INTERVALS = ("bounds", "start", "end")  # tables of intervals, by symbol
 _TIMES = ("initial_time", "final_time")
 _NAMED = ("path", "target")  # tables by name
 _TOLD = 8  # names told where none is close
+
+
+def by_name(given: Any) -> dict[str, Any]:
+    """Return changes by name; a symbol stands for its name. ProblemError for what is no table."""
+    if not isinstance(given, Mapping):
+        raise ProblemError(f"with_({shown(given)}): give a table, such as {{'start.x': 30}}")
+    found = {key.name() if is_symbol(key) else key: value for key, value in given.items()}
+    for key in found:
+        if not isinstance(key, str):
+            raise ProblemError(f"with_: {shown(key)} where the name of a number is needed")
+    return found
 
 
 def changed(
@@ -28,11 +41,11 @@ def changed(
     """
     found, values = dict(written), dict[Expr, float]()
     for name, value in changes.items():
-        head, _, rest = name.partition(".")
+        head, dot, rest = name.partition(".")
         try:
             if name in constants:
                 values[constants[name]] = constant_value(name, value)
-            elif rest:
+            elif dot:
                 found[head] = _placed(head, found[head], rest, value, symbols)
             elif isinstance(found[head], Mapping):
                 found[head] = _merged(head, found[head], value, symbols)
@@ -52,7 +65,11 @@ def numbers(written: Mapping[str, Any], constants: Symbols, symbols: Symbols) ->
 
 
 def _near(name: str, known: list[str]) -> str:
-    """Return the name of which this is the last part, else the closest one, else a few of all."""
+    """Return the name of which this is the last part, else the closest one, else a few of all; a
+    constant that the problem does not hold is told as that.
+    """
+    if name in {symbol.name() for symbol in symbols_of("constant")}:
+        return ": it is a constant that the problem does not hold"
     last = [each for each in known if each.endswith(f".{name}")]
     if last:
         return f"; did you mean '{last[0]}'?"
@@ -74,6 +91,8 @@ def _placed(head: str, value: Any, rest: str, new: Any, symbols: Symbols) -> Any
 
 def _sided(interval: Any, side: str, value: Any) -> tuple[Any, Any]:
     """Return an interval with one side changed; of a number both are that number."""
+    if isinstance(interval, np.ndarray) and interval.shape == (2,):
+        interval = tuple(interval.tolist())
     low, high = interval if isinstance(interval, (tuple, list)) else (interval, interval)
     return (value, high) if side == "lower" else (low, value)
 

@@ -119,6 +119,21 @@ def formula_of(arguments: Mapping[str, Any], known: Formula | None) -> Formula |
     return Formula(values, leaves, planted({name: arguments[name] for name in names}, valued))
 
 
+def numbers_in(value: Any) -> Any:
+    """Return a number, an interval or a table of them with floats for expressions that casadi has
+    folded to a number, as where constants cancel; the same thing where there are none.
+    """
+    if isinstance(value, casadi.SX) and value.is_scalar() and value.is_constant():
+        return float(value)
+    if not isinstance(value, (Mapping, tuple, list)):
+        return value
+    parts = _parts(value)
+    found = {key: numbers_in(part) for key, part in parts.items()}
+    if all(found[key] is part for key, part in parts.items()):
+        return value
+    return found if isinstance(value, Mapping) else tuple(found.values())
+
+
 def planted(arguments: Mapping[str, Any], leaves: Mapping[Path, Any]) -> dict[str, Any]:
     """Return arguments of `Problem` with others in given places; ProblemError names a place that
     there is not.

@@ -5,14 +5,14 @@ A statement holds names, numbers and lists of operations, and nothing that could
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
 
 from socp.errors import ProblemError
 from socp.model.data import grammar, stated
-from socp.model.data.constants import Formula, constants, planted
+from socp.model.data.constants import Constant, Formula, constants, planted
 from socp.model.parts import Reference, Scene
 from socp.model.ranges import interval
 from socp.model.symbols import (
@@ -151,7 +151,8 @@ def _with_constants(found: Data, formula: Mapping[str, Any], symbols: Mapping[st
     """Return the arguments of `Problem` with what was written with constants in its places, in new
     symbols.
     """
-    given = {name: tuple(each.values()) for name, each in formula["constants"].items()}
+    parts = [each.name for each in fields(Constant)]
+    given = {name: [each[p] for p in parts] for name, each in formula["constants"].items()}
     own = {name: constants(**{name: each}) for name, each in given.items()}
     nodes = grammar.read(formula["nodes"], {**symbols, **own})
     leaves = {tuple(path): nodes[place] for path, place in formula["places"]}

@@ -84,7 +84,7 @@ class Formula(Record):
 
     constants: Annotated[dict[Name, Constant], msgspec.Meta(min_length=1)]
     nodes: Nodes
-    places: list[tuple[list[Name], Place]]
+    places: list[tuple[Annotated[list[Name], msgspec.Meta(min_length=1)], Place]]
 
 
 class Statement(Record):
