@@ -2,6 +2,7 @@ from .advice import hint_for as hint_for
 from .arc import Arc as Arc
 from .arc import join as join
 from .checks import check_controls as check_controls
+from .data.carried import carried as carried
 from .data.comparing import differences as differences
 from .data.consistency import check_constraints as check_constraints
 from .data.constants import Constant as Constant
@@ -11,6 +12,7 @@ from .data.files import load as load
 from .data.files import save as save
 from .data.files import to_json as to_json
 from .data.stated import quotation as quotation
+from .data.views import view as view
 from .evaluation import cached as cached
 from .evaluation import condition_function as condition_function
 from .evaluation import condition_slopes as condition_slopes

@@ -26,11 +26,12 @@ def solve(
 
     The problem may be given by name or path as well, the guess by the path of a result; without one
     it is the problem's own. Where the guess is a solution along a word, `auto` and `lgr-multiphase`
-    go on along that word. `watch` is told of the progress. Raises ProblemError and MethodError as
+    go on along that word. `watch` is told of the progress; without one it is shown on a terminal
+    and in a notebook, and `watch=socp.silent` shows nothing. Raises ProblemError and MethodError as
     the command does, SolveError for a guess of other states, controls or parameters.
     """
     from socp.methods import default_guess, run
-    from socp.model import silent
+    from socp.model import view
 
     registry = _registry()
     how = _made(registry.method(method), options)
@@ -41,7 +42,10 @@ def solve(
         start = load_guess(str(guess), posed)
     else:
         start = as_guess("guess", guess, posed)
-    return run(how, posed, start, silent if watch is None else watch)
+    if watch is not None:
+        return run(how, posed, start, watch)
+    with view("progress")(posed.name) as shown:
+        return run(how, posed, start, shown)
 
 
 @cache

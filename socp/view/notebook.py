@@ -7,8 +7,8 @@ from functools import singledispatch
 from html import escape
 from itertools import groupby
 
-from socp.errors import MethodError, ProblemError
-from socp.model import Problem, Solution, Verdict
+from socp.errors import MethodError
+from socp.model import Problem, Solution, Verdict, carried
 from socp.process import printable
 from socp.view.report import Row, Tone, conditions, solution_rows, verdict_rows
 
@@ -27,7 +27,7 @@ def html(thing: object) -> str:
 @html.register
 def solution_html(solution: Solution) -> str:
     """Return a solution as HTML: what its report says, and a figure if matplotlib is there."""
-    said = solution_rows(_problem(solution), solution)
+    said = solution_rows(carried(solution), solution)
     return _framed(solution.problem, "", _cells(said)) + _figure(solution)
 
 
@@ -48,16 +48,6 @@ def problem_html(problem: Problem) -> str:
     lines += [(label, _text(text)) for label, text in notes(problem)]
     lines += [("source", _text(problem.source))] if problem.source else []
     return _framed(problem.name, problem.title, lines)
-
-
-def _problem(solution: Solution) -> Problem | None:
-    """Return the problem that a solution carries, None where it carries none that can be read."""
-    if solution.statement is None:
-        return None
-    try:
-        return Problem.from_statement(solution.statement)
-    except ProblemError:
-        return None
 
 
 def _cells(rows: Iterable[Row]) -> Iterator[Cell]:
