@@ -1,6 +1,7 @@
 """Progress on stderr: one live display on a terminal, an occasional line elsewhere."""
 
 import math
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -45,6 +46,17 @@ def progress(console: Console, label: str, *, quiet: bool) -> "Iterator[Watch]":
         )
         display.due += _OCCASIONAL  # what is over soon needs no line
         yield display
+
+
+@contextmanager
+def shown(label: str) -> "Iterator[Watch]":
+    """Yield a watch for who calls from Python: on a terminal a display, in a notebook a line now
+    and then, elsewhere nothing.
+    """
+    notebook = type(sys.stderr).__module__.startswith("ipykernel.")
+    console = Console(stderr=True, force_jupyter=False)
+    with progress(console, label, quiet=not (console.is_terminal or notebook)) as watch:
+        yield watch
 
 
 @final

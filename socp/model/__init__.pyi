@@ -13,6 +13,7 @@ from .data.files import load as load
 from .data.files import save as save
 from .data.files import to_json as to_json
 from .data.stated import quotation as quotation
+from .data.views import view as view
 from .evaluation import cached as cached
 from .evaluation import condition_function as condition_function
 from .evaluation import condition_slopes as condition_slopes

@@ -244,7 +244,7 @@ class Finding:
 
 
 @final
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Verdict:
     """The judgement of one solution by `socp.verdict.certify.certify`.
 
@@ -294,6 +294,15 @@ class Verdict:
     drift: float = 0.0
     grade: Grade | None = None
     second_order: SecondOrder | None = None
+
+    def __repr__(self) -> str:
+        answers = {"feasible": self.feasible, "extremal": self.extremal}
+        said = ", ".join(what if holds else f"not {what}" for what, holds in answers.items())
+        return f"Verdict({said}: off by {self.miss:.1e}, residual {self.residual:.1e})"
+
+    def __str__(self) -> str:
+        told: str = view("text")(self)
+        return told
 
     @property
     def feasible(self) -> bool:

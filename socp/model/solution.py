@@ -20,6 +20,8 @@ from socp.model.word import Word
 if TYPE_CHECKING:
     from socp.model.problem import Problem
 
+_LONG = 60  # characters: a longer word has no room on one line
+
 
 class Stop(Enum):
     """Why a solve stopped; the value is the sentence shown to the user. It says nothing about
@@ -32,6 +34,7 @@ class Stop(Enum):
     LIMIT = "the solver reached its limit of iterations or time"
     INTERRUPTED = "the solve was interrupted; this is its last iterate"
     FAILED = "the solver failed"
+    SIMULATED = "a control was simulated, nothing was solved"
 
     @property
     def ok(self) -> bool:
@@ -40,7 +43,7 @@ class Stop(Enum):
 
 
 @final
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Solution:
     """What a method returns, a point without a claim, and what is known of it since.
 
@@ -84,6 +87,41 @@ class Solution:
     versions: Mapping[str, str] = field(default_factory=dict)
     statement: Mapping[str, Any] | None = None
     unstated: str = ""
+
+    def __repr__(self) -> str:
+        judged = {None: "not judged", True: "certified", False: "not certified"}[self.extremal]
+        word = f", {self.word}" if len(self.word) <= _LONG else f", {len(self.switches)} switches"
+        return (
+            f"Solution({self.problem!r} by {self.method}: objective {self.objective:.12g}"
+            f"{word if self.structure else ''}, {judged})"
+        )
+
+    def __str__(self) -> str:
+        told: str = view("text")(self)
+        return told
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Return the values (n,) at the nodes `t`, in the problem's units, of a column of
+        `to_frame`: a state, a control, `time`, `lambda_x` or `sigma_u`.
+
+        KeyError names those that there are.
+        """
+        if name not in self._columns:
+            raise KeyError(f"no '{name}' in the solution; there are {', '.join(self._columns)}")
+        return self._columns[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._columns
+
+    __iter__ = None  # by names alone, not by places
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self._columns)
+
+    @cached_property
+    def _columns(self) -> Mapping[str, np.ndarray]:
+        found: Mapping[str, np.ndarray] = view("table")(self)
+        return found
 
     @property
     def extremal(self) -> bool | None:
@@ -211,11 +249,27 @@ class Solution:
         variation: np.ndarray = np.abs(np.diff(np.hstack(pieces), axis=1)).sum(axis=1)
         return variation
 
+    def to_frame(self, problem: "Problem | None" = None) -> Any:
+        """Return the values at the nodes as a pandas.DataFrame over time, a quantity a column, a
+        switch twice; the problem is the one that the solution carries, unless another is given.
+        """
+        return view("frame")(self, problem)
+
     def to_xarray(self, problem: "Problem | None" = None) -> Any:
-        """Return the values at the nodes as an xarray.Dataset; with the problem units and switching
-        functions too.
+        """Return the values at the nodes as an xarray.Dataset, with units and switching functions;
+        the problem is the one that the solution carries, unless another is given.
         """
         return view("dataset")(self, problem)
+
+    def simulate(self, problem: "Problem | None" = None, **how: Any) -> "Solution":
+        """Return the motion that this solution's control leads to, integrated by DOP853.
+
+        The problem is what is driven, the one that the solution carries unless another is given.
+        `how` is what the view `simulate` takes: `disturbance`, `feedback` and `start`, see
+        `socp.verdict.simulated`.
+        """
+        found: Solution = view("simulate")(self, problem, **how)
+        return found
 
     def sensitivity(
         self, problem: "Problem", to: Sequence[str] = (), at: Sequence[float] = ()
@@ -227,11 +281,11 @@ class Solution:
         return found
 
     def plot(self, problem: "Problem | None" = None, **look: Any) -> Any:
-        """Return a matplotlib Figure; with the problem bounds, switching functions and the scene
-        too.
+        """Return a matplotlib Figure; the problem is the one that the solution carries, unless
+        another is given.
 
         `look` is what the view `figure` takes: `panels`, `width` in inches, `stretch` for short
-        arcs.
+        arcs, `beside` for other solutions in the same panels, `title`.
         """
         return view("figure")(self, problem, **look)
 

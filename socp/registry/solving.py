@@ -27,12 +27,13 @@ def solve(
 
     The problem may be given by name or path as well, the guess by the path of a result, a backend
     by its name; without a guess it is the problem's own. Where the guess is a solution along a
-    word, `auto` and `lgr-multiphase` go on along that word. `watch` is told of the progress. Raises
-    ProblemError and MethodError as the command does, SolveError for a guess of other states,
+    word, `auto` and `lgr-multiphase` go on along that word. `watch` is told of the progress;
+    without one it is shown on a terminal and in a notebook, and `watch=socp.silent` shows nothing.
+    Raises ProblemError and MethodError as the command does, SolveError for a guess of other states,
     controls or parameters.
     """
     from socp.methods import default_guess, run
-    from socp.model import Solution, silent
+    from socp.model import Solution, view
 
     registry = _registry()
     how = _made(registry.method(method), options)
@@ -45,7 +46,10 @@ def solve(
         start = as_guess("guess", guess, posed)
     else:
         raise SolveError(f"guess: {shown(guess)} where a solution, or the path of one, is needed")
-    return run(how, posed, start, silent if watch is None else watch)
+    if watch is not None:
+        return run(how, posed, start, watch)
+    with view("progress")(posed.name) as seen:
+        return run(how, posed, start, seen)
 
 
 def _posed(given: Any, registry: Registry) -> "Problem":

@@ -16,6 +16,7 @@ from .reintegration import verify as verify
 from .sensitivity import data_names as data_names
 from .sensitivity import derivatives as derivatives
 from .sensitivity import sensitivity_view as sensitivity_view
+from .simulation.flight import simulated as simulated
 from .structure import constraint_values as constraint_values
 from .structure import misfit as misfit
 from .structure import structure_of as structure_of

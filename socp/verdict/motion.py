@@ -145,8 +145,11 @@ def _closed_flow(problem: Problem, modes: Modes) -> casadi.Function:
 @final
 @dataclass(eq=False)
 class Log:
-    """Points looked at along the way, and how far (nx,) the claimed states were off at most."""
+    """Points looked at along the way, and how far (nx,) the claimed states were off at most;
+    `begun`: where in the lists the points of every piece begin.
+    """
 
+    begun: list[int] = field(default_factory=list)
     t: list[np.ndarray] = field(default_factory=list)
     x: list[np.ndarray] = field(default_factory=list)
     u: list[np.ndarray] = field(default_factory=list)
@@ -177,8 +180,8 @@ def travel(
     """
     p = parameters_of(problem, solution)
     y = np.append(np.clip(solution.arcs[0].x[:, 0], *problem.start_box), 0.0)
-    log.keep(np.array([solution.initial_time]), y[:-1, None], pieces[0][0])
     if not all(np.isfinite(values).all() for values in (y, solution.t, solution.rows("u"), p)):
+        log.keep(np.array([solution.initial_time]), y[:-1, None], pieces[0][0])
         log.off = np.array([math.inf])
         return y, "the solution itself is not finite"
     flow = fast(_open_flow(problem))
@@ -187,6 +190,8 @@ def travel(
     for arc, stretches in zip(solution.arcs, pieces, strict=True):
         log.compare(y[:-1, None], arc.x[:, :1])
         for piece in chain.from_iterable(_cut_at_knots(problem, each) for each in stretches):
+            log.begun.append(len(log.t))
+            log.keep(np.array([piece.start]), y[:-1, None], piece)
             rate = _rate(problem, flow, piece, p)
             y, error = _integrate(rate, (piece, arc), y, (scale, horizon), log)
             if error:
@@ -227,7 +232,7 @@ def _rate(
 
     def rate(t: float, y: np.ndarray) -> np.ndarray:
         t = min(t, last)
-        return flow(y[:-1], control(t, y), t, p)
+        return flow(y[:-1], control(t, y[:-1]), t, p)
 
     return rate
 

@@ -154,14 +154,28 @@ def _both(solution: Solution, problem: Problem) -> tuple[Feasibility, ...]:
 def _verify(
     problem: Problem, solution: Solution, pieces: list[list[Piece]], *, feedback: bool
 ) -> Feasibility:
-    p, log = parameters_of(problem, solution), Log()
+    log = Log()
     with np.errstate(all="ignore"):  # what overflows on the way ends as an error of the integration
-        y, error = travel(problem, solution, pieces, log)
-        motion, x = log.motion, y[:-1]
-        scale = sizes(problem, motion[0], motion[1], parameters_of(problem, solution))
-        objective, gap = objective_of(problem, solution, motion, scale, float(y[-1]))
-        miss, miss_at = end_miss(problem, solution, x, scale)
-        path, path_at = path_miss(problem, p, scale, motion)
+        ended = travel(problem, solution, pieces, log)
+        return measured(problem, solution, log, ended, feedback=feedback)
+
+
+def measured(
+    problem: Problem,
+    solution: Solution,
+    log: Log,
+    ended: tuple[np.ndarray, str],
+    *,
+    feedback: bool,
+) -> Feasibility:
+    """Return how far a motion misses its problem: the points of its log, and where and why it
+    ended.
+    """
+    (y, error), p, motion = ended, parameters_of(problem, solution), log.motion
+    scale = sizes(problem, motion[0], motion[1], p)
+    objective, gap = objective_of(problem, solution, motion, scale, float(y[-1]))
+    miss, miss_at = end_miss(problem, solution, y[:-1], scale)
+    path, path_at = path_miss(problem, p, scale, motion)
     box = box_miss(np.hstack([motion[2], *(arc.u for arc in solution.arcs)]), problem.box)
     return Feasibility(
         miss=miss,
@@ -171,7 +185,7 @@ def _verify(
         box=box,
         drift=float(np.max(log.off / scale)),
         feedback=feedback,
-        end=tuple(x.tolist()),
+        end=tuple(y[:-1].tolist()),
         error=error,
         objective=math.nan if error else objective,
         gap=gap,

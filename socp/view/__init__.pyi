@@ -2,6 +2,8 @@ from .errors import signed_error as signed_error
 from .errors import small as small
 from .exports import WRITERS as WRITERS
 from .exports import derivatives_to_xarray as derivatives_to_xarray
+from .exports import table as table
+from .exports import to_frame as to_frame
 from .exports import to_xarray as to_xarray
 from .figures.draw import DEFAULT as DEFAULT
 from .figures.draw import ENDINGS as ENDINGS
@@ -46,3 +48,5 @@ from .report import verdict_rows as verdict_rows
 from .statement import formula as formula
 from .statement import notes as notes
 from .statement import statement_rows as statement_rows
+from .text import detailed_rows as detailed_rows
+from .text import text as text

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from socp import errors
+from socp.model import known_problem
 from socp.view.traces import traces
 
 if TYPE_CHECKING:
@@ -46,16 +47,36 @@ def attributes(solution: "Solution") -> dict[str, Any]:
 
 
 def to_xarray(solution: "Solution", problem: "Problem | None" = None) -> Any:
-    """Return an xarray.Dataset over the dimensions node, state, control, constraint and parameter.
+    """Return an xarray.Dataset over the dimensions time, state, control, constraint and parameter.
 
-    Variables: states and costates (state, node), controls (control, node), multipliers (constraint,
-    node), parameters (parameter); with the problem switching_functions (control, node) and
-    hamiltonian (node) too. `time` and `arc` are coordinates of node: a switching time stands twice,
-    once on either arc. Units are attributes: of `time` as such, of the others as "x: m, y: m".
+    Variables: states and costates (state, time), controls (control, time), multipliers (constraint,
+    time), parameters (parameter), and of the problem switching_functions (control, time) and
+    hamiltonian (time). Times increase and stand once: `.sel(time=1, method="nearest")` and
+    `.interp(time=...)` work. At a switch these are the values after it; those before it are under
+    the same names with `_before`, over the dimension junction, whose coordinate is its time. `arc`
+    is the number of the arc, from 1. Units are attributes: of `time` as such, of the others as
+    "x: m, y: m". A node without distance to the next is left out; `to_frame` has all of them.
 
     Raises MethodError where xarray is not installed.
     """
+    by_node = nodes_to_xarray(solution, problem)
+    times, first = np.unique(solution.t, return_index=True)
+    last = solution.t.size - 1 - np.unique(solution.t[::-1], return_index=True)[1]
+    found = by_node.isel(node=last).swap_dims(node="time")
+    junctions = np.searchsorted(times, np.unique(solution.junctions))
+    before = by_node.isel(node=first[junctions]).drop_vars(["time", "arc"])
+    for name, values in before.data_vars.items():
+        if "node" in values.dims:
+            found[f"{name}_before"] = values.rename(node="junction")
+    return found.assign_coords(junction=times[junctions])
+
+
+def nodes_to_xarray(solution: "Solution", problem: "Problem | None" = None) -> Any:
+    """Return the same over all nodes: in place of time and junction it has the dimension node, with
+    `time` and `arc` as coordinates, a switching time twice, once on either arc.
+    """
     xarray = errors.load("xarray", "export", "an xarray Dataset")
+    problem = problem or known_problem(solution)
     named, values = _blocks(solution, problem), {}
     names = {
         "state": solution.state_names,
@@ -64,10 +85,8 @@ def to_xarray(solution: "Solution", problem: "Problem | None" = None) -> Any:
     }
     names["constraint"] = tuple(_multipliers(solution))
     for name, (dimensions, array) in named.items():
-        carried = (
-            names.get(dimensions[0], ()) if name in {"states", "controls", "parameters"} else ()
-        )
-        text = ", ".join(f"{each}: {u}" for each in carried if (u := unit(problem, each)))
+        rows = names.get(dimensions[0], ()) if name in {"states", "controls", "parameters"} else ()
+        text = ", ".join(f"{each}: {u}" for each in rows if (u := unit(problem, each)))
         values[name] = (dimensions, array, {"units": text} if text else {})
     coordinates: dict[str, Any] = {kind: list(each) for kind, each in names.items() if each}
     time = unit(problem, "time")
@@ -123,6 +142,7 @@ def table(solution: "Solution", problem: "Problem | None" = None) -> dict[str, n
     }
     names = {"state": solution.state_names, "control": solution.control_names}
     columns: dict[str, np.ndarray] = {"time": solution.t, "arc": _arcs(solution)}
+    problem = problem or known_problem(solution)
 
     def add(name: str, values: np.ndarray) -> None:
         while name in columns:
@@ -140,11 +160,29 @@ def table(solution: "Solution", problem: "Problem | None" = None) -> dict[str, n
     return columns
 
 
+def to_frame(solution: "Solution", problem: "Problem | None" = None) -> Any:
+    """Return a table as a pandas.DataFrame with the times as its index: a switch stands twice, once
+    on either arc, so a line drawn through a column jumps there. Units are under `attrs["units"]`.
+
+    Raises MethodError where pandas is not installed.
+    """
+    pandas = errors.load("pandas", "export", "a pandas DataFrame")
+    problem = problem or known_problem(solution)
+    columns = table(solution, problem)
+    frame = pandas.DataFrame(
+        {name: values for name, values in columns.items() if name != "time"},
+        index=pandas.Index(columns["time"], name="time"),
+    )
+    frame.attrs["units"] = {name: u for name in columns if (u := unit(problem, name))}
+    return frame
+
+
 def to_csv(solution: "Solution", problem: "Problem | None" = None) -> bytes:
     """Return a table in CSV: a header, then a row a node, numbers in 17 digits, nan where unknown.
 
     A name in the header is followed by its unit in brackets where the problem has one.
     """
+    problem = problem or known_problem(solution)
     columns, file = table(solution, problem), io.StringIO(newline="")
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow([f"{name} [{u}]" if (u := unit(problem, name)) else name for name in columns])
@@ -160,6 +198,7 @@ def to_parquet(solution: "Solution", problem: "Problem | None" = None) -> bytes:
     """Return a table in Parquet, with units as metadata of its columns and facts about the solution
     as its own.
     """
+    problem = problem or known_problem(solution)
     arrow = errors.load("pyarrow", "export", "format parquet")
     parquet = errors.load("pyarrow.parquet", "export", "format parquet")
     columns = table(solution, problem)
@@ -178,9 +217,9 @@ def to_parquet(solution: "Solution", problem: "Problem | None" = None) -> bytes:
 
 
 def to_netcdf(solution: "Solution", problem: "Problem | None" = None) -> bytes:
-    """Return the dataset of `to_xarray` as a NetCDF 3 file."""
+    """Return the dataset of `nodes_to_xarray` as a NetCDF 3 file."""
     errors.load("xarray", "export", "format netcdf")
-    dataset = to_xarray(solution, problem)
+    dataset = nodes_to_xarray(solution, problem)
     dataset.attrs = {
         name: value for name, value in dataset.attrs.items() if not isinstance(value, list) or value
     }
@@ -194,6 +233,7 @@ def to_mat(solution: "Solution", problem: "Problem | None" = None) -> bytes:
     (n, nx), a node a row, and `modes`, one text a control; `result.solution.parameter` (1, np);
     `result.objective`. `result.names` and `result.units` hold the names and units of the columns.
     """
+    problem = problem or known_problem(solution)
     from scipy.io import savemat
 
     fields = ("time", "state", "control", "costate", "modes")

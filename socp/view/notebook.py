@@ -28,9 +28,7 @@ def html(thing: object) -> str:
 @html.register
 def solution_html(solution: Solution) -> str:
     """Return a solution as HTML: what its report says, and a figure if matplotlib is there."""
-    said = _framed(
-        solution.problem, "", _cells(solution_rows(known_problem(solution), solution))
-    )
+    said = _framed(solution.problem, "", _cells(solution_rows(known_problem(solution), solution)))
     return said + _table(ladder_table(solution)) + _figure(solution)
 
 

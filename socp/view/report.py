@@ -75,7 +75,8 @@ def solution_rows(
     rows.append(_row("starts", starts_lines(solution.starts)))
     rows.append(_row("iterations", [str(solution.iterations)]))
     parts = " + ".join(f"{name} {value:.2f}" for name, value in solution.seconds.items())
-    rows.append(_row("seconds", [f"{sum(solution.seconds.values()):.2f} ({parts})"]))
+    total = f"{sum(solution.seconds.values()):.2f} ({parts})"
+    rows.append(_row("seconds", [total] if solution.seconds else []))
     rows.append(_row("result", [path] if path else []))
     return [row for row in rows if row.lines]
 

@@ -131,8 +131,8 @@ def test_netcdf_has_named_dimensions_and_units(problem: Problem, solution: Solut
     assert read.attrs["objective"] == solution.objective
 
 
-def test_to_xarray_of_a_solution_alone(solution: Solution) -> None:
-    dataset = solution.to_xarray()
+def test_a_dataset_of_a_solution_without_its_problem(solution: Solution) -> None:
+    dataset = tabular.nodes_to_xarray(replace(solution, statement=None))
     same(dataset.states, solution.rows("x"))
     assert "switching_functions" not in dataset
     assert "units" not in dataset.time.attrs

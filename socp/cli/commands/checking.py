@@ -1,19 +1,13 @@
 """`socp check`: judge a saved result."""
 
-from typing import TYPE_CHECKING
-
 import click
-from rich.table import Table
 
 from socp.cli.opening import open_result, problem_missing
 from socp.cli.outcome import require_option, required_rung
 from socp.cli.session import Exit, Session, heading, show, write_json
 from socp.cli.show import plain, table_lines
 from socp.errors import ProblemError
-from socp.view import Outcome, Row, Tone, ladder_row, outcome_of, verdict_rows
-
-if TYPE_CHECKING:
-    from socp.model import Solution, Verdict
+from socp.view import Outcome, detailed_rows, outcome_of
 
 
 @click.command()
@@ -46,15 +40,7 @@ def check(
     if as_json:
         write_json({"problem": found.name, "word": solution.word, **plain(solution, verdict)})
     else:
-        show(heading(found.name, found.title), details(solution, verdict))
+        show(heading(found.name, found.title), table_lines(detailed_rows(solution, verdict)))
     if require is None:
         return Exit.SOLVED if outcome_of(solution) is Outcome.EXTREMAL else Exit.UNSOLVED
     return Exit.SOLVED if required_rung(solution, require) else Exit.UNSOLVED
-
-
-def details(solution: "Solution", verdict: "Verdict") -> Table:
-    """Return a verdict in full, a rung and a condition a row."""
-    said, *more = verdict_rows(verdict)
-    tones = {True: Tone.PLAIN, False: Tone.BAD}
-    each = tuple(((str(finding), tones[finding.holds]),) for finding in verdict.findings)
-    return table_lines([said, ladder_row(solution), Row("conditions", each), *more])

@@ -1,0 +1,1 @@
+"""A solution's control flown again where things are not as planned."""
