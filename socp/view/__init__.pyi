@@ -48,5 +48,5 @@ from .report import verdict_rows as verdict_rows
 from .statement import formula as formula
 from .statement import notes as notes
 from .statement import statement_rows as statement_rows
-from .text import detailed_rows as detailed_rows
-from .text import text as text
+from .printed import detailed_rows as detailed_rows
+from .printed import text as text
