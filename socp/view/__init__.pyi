@@ -15,6 +15,8 @@ from .outcomes import Outcome as Outcome
 from .outcomes import infeasible as infeasible
 from .outcomes import outcome_of as outcome_of
 from .picture import picture_of as picture_of
+from .printed import detailed_rows as detailed_rows
+from .printed import text as text
 from .recording.contents import Run as Run
 from .recording.contents import items as items
 from .recording.contents import log10 as log10
@@ -48,5 +50,3 @@ from .report import verdict_rows as verdict_rows
 from .statement import formula as formula
 from .statement import notes as notes
 from .statement import statement_rows as statement_rows
-from .printed import detailed_rows as detailed_rows
-from .printed import text as text
