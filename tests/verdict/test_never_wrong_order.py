@@ -2,21 +2,18 @@
 closed form, and variations of the lengths of certified words.
 """
 
-from importlib import import_module
 from math import exp
 
 import numpy as np
 import pytest
 from saddles import HORIZON, held, saddle, slope
 from scipy.optimize import brentq
-from socp_plugins.lgr_multiphase import LgrMultiphase
-from test_never_wrong import WORDS
+from test_never_wrong import WORDS, right
 from test_perturbed import WORDS as STRONG
 
-from socp import default_guess, run
 from socp.model.ladder.second_order import Minimum
-from socp.verdict.minimum.descent import corrected
-from socp.verdict.minimum.induced import Pair, induced
+from socp.registry import Registry
+from socp.verdict.minimum.induced import Induced, Pair, induced
 from socp.verdict.minimum.order import second_order
 
 
@@ -87,38 +84,83 @@ def test_extremals_of_both_kinds_are_among_them() -> None:
     assert kinds == {True, False}
 
 
+def test_every_registered_problem_is_among_the_words() -> None:
+    """But for the one that chatters, which has no word."""
+    assert set(WORDS) == set(Registry.load().entries) - {"fuller"}
+
+
+def values(found: Induced, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return equations (m, k) and Lagrangian (k,) of a word at many variables w (n, k)."""
+    shooting, count = found.conditions.shooting, w.shape[1]
+    joined, cost = (each.full() for each in shooting.joined[0].map(count)(w)[:2])
+    equations, objective = np.zeros((shooting.signs.size, count)), cost[0]
+    equations[shooting.others] = joined
+    first = 1 + len(shooting.pairs)
+    p = w[first : first + shooting.phased.of.p.numel()]
+    for k, (block, flow) in enumerate(zip(shooting.blocks, shooting.flows, strict=True)):
+        z = w[block.variables]  # (intervals + 1, nz, k)
+        shares = block.shares[:, None]
+        t, h = w[: 1 + k].sum(axis=0) + w[1 + k] * shares[:-1], w[1 + k] * np.diff(shares, axis=0)
+        given = [z[:-1].swapaxes(0, 1).reshape(z.shape[1], -1), t.reshape(1, -1), h.reshape(1, -1)]
+        ended, running = flow.map(h.size)(*given, np.tile(p, len(h)))
+        ends = ended.full().reshape(z.shape[1], len(h), count).swapaxes(0, 1)
+        equations[block.equations] = ends - z[1:]
+        objective = objective + running.full().reshape(len(h), count).sum(axis=0)
+    return equations, objective + found.held @ equations
+
+
+def brought_back(found: Induced, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return variables w (n, k) moved onto the conditions, by Newton with the slopes of the
+    extremal, and the objective (k,), nan where that does not end.
+    """
+    size, lengths = found.conditions.size, slice(1, 1 + len(found.conditions.shooting.pairs))
+    back = np.linalg.pinv(found.slopes * size)
+    w, objective, going = w.copy(), np.full(w.shape[1], np.nan), np.arange(w.shape[1])
+    for _ in range(30):
+        equations, objective[going] = values(found, w[:, going])
+        step = back @ equations
+        w[:, going] -= size[:, None] * step
+        far = np.abs(step).max(axis=0)
+        lost = ~(np.isfinite(far) & (far < 1.0) & (w[lengths, going] > 0.0).all(axis=0))
+        objective[going[lost]] = np.nan
+        going = going[~lost & ~(far < 1e-9)]  # the Lagrangian knows the objective to its square
+        if not going.size:
+            break
+    objective[going] = np.nan
+    return w, objective
+
+
 SOON = ("jacobson_1", "fishery_discounted")
 
 
 @pytest.mark.parametrize(
-    ("name", "count"),
-    [(name, 30) for name in SOON]
-    + [pytest.param(name, 80, marks=pytest.mark.slow) for name in WORDS],
+    "name", [pytest.param(name, marks=[] if name in SOON else pytest.mark.slow) for name in WORDS]
 )
-def test_no_other_lengths_of_a_word_do_better(name: str, count: int) -> None:
-    """Random changes of arc lengths, times and free states of sizes 1e-1 to 1e-4, brought back onto
-    the conditions at the ends: none lowers an objective that is said to be a minimum of its word.
+def test_no_other_lengths_of_a_word_do_better(name: str) -> None:
+    """200 random changes of arc lengths, times, parameters and free states of sizes 1e-1 to 1e-4,
+    brought back onto the conditions at the ends: none lowers an objective that is said to be a
+    minimum of its word.
     """
-    problem = import_module(f"socp_problems.{name}").problem
-    solution = run(LgrMultiphase(word=WORDS[name]), problem, default_guess(problem))
+    problem, _, solution = right(name)
     kind = second_order(problem, solution).kind
     assert kind.shown
     # these are asked of all controls, those of other words too, in `test_perturbed`
     assert (kind is Minimum.STRONG) == (name in STRONG)
     pair = induced(problem, solution)
     assert isinstance(pair, Pair)
-    fine = pair.fine
-    kernel, size = fine.kernel(weak=True), fine.conditions.size
-    own = fine.conditions.linearised(fine.at).cost
-    rng, changes = np.random.default_rng(3), []
-    for _ in range(count if kernel.shape[1] else 0):
-        direction = kernel @ rng.normal(size=kernel.shape[1])
-        step = 10.0 ** -rng.uniform(1, 4) * direction / np.linalg.norm(direction)
-        shortest = fine.at[1 : 1 + len(pair.phased.phases)].min() / size[0]
-        at = corrected(pair, fine.at + min(shortest, 1.0) * size * (fine.lift @ step))
-        if at is not None:
-            changes.append(fine.conditions.linearised(at).cost - own)
-    noise = 1e-12 * max(abs(own), 1.0)
-    assert all(change > -noise for change in changes)
-    assert len(changes) > 0.5 * count or not kernel.shape[1]
-    assert sum(change > noise for change in changes) > 0.3 * len(changes) or not changes
+    found, rng, count = pair.coarse, np.random.default_rng(3), 200
+    kernel, size = found.kernel(weak=True), found.conditions.size
+    if not kernel.shape[1]:
+        return  # the conditions leave nothing to change
+    directions = kernel @ rng.normal(size=(kernel.shape[1], count))
+    steps = 10.0 ** -rng.uniform(1, 4, count) * directions / np.linalg.norm(directions, axis=0)
+    shortest = found.at[1 : 1 + len(pair.phased.phases)].min() / size[0]
+    moved = min(shortest, 1.0) * size[:, None] * (found.lift @ steps)
+    own = values(found, found.at[:, None])[1][0]
+    w, objective = brought_back(found, found.at[:, None] + moved)
+    met = np.isfinite(objective)
+    changes, noise = objective[met] - own, 1e-12 * max(abs(own), 1.0)
+    assert met.mean() > (0.25 if name == "lotka_fishing" else 0.9)  # its motion is unstable
+    assert np.abs(values(found, w[:, met])[0]).max() < 1e-8 * size.max()
+    assert (changes > -noise).all()
+    assert (changes > noise).mean() > 0.3
