@@ -6,7 +6,7 @@ Maurer, J. Comput. Appl. Math. 120, 2000). They are those of the extremal along 
 word is asked.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
@@ -24,8 +24,8 @@ from socp.verdict.newton import Conditions, Settled, settled
 _POINTS = 10  # collocation points of pieces that are cut at kinks, as those of `polish`
 # Of the largest multiplier: a limit with less may as well be left, and there are two derivatives
 _WEAK = 1e-8
-# Differences of order 4 in a bound: with this step, of its magnitude, both their error and rounding
-# are below 1e-11
+# Differences of order 4 in a number of the problem: with this step, of its magnitude, both their
+# error and rounding are below 1e-11
 _STEP = 1e-3
 _WEIGHTS: Mapping[int, float] = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
 
@@ -41,9 +41,9 @@ def derivatives(
     where none is named, with those of the states at times `at`.
 
     Data are the values that hold at the ends, `start.x`, `end.x`, `initial_time`, `final_time`,
-    parameters with equal bounds, levels of end conditions, `target.NAME`, and finite bounds of
-    controls and states, `u.upper`, `x.lower`. Raises MethodError for what is no datum, SolveError
-    where there are no derivatives, with the reason.
+    parameters with equal bounds, named constants, levels of end conditions, `target.NAME`, and
+    finite bounds of controls and states, `u.upper`, `x.lower`. Raises MethodError for what is no
+    datum, SolveError where there are no derivatives, with the reason.
     """
     with np.errstate(all="ignore"):
         system = _system(problem, solution)
@@ -72,6 +72,7 @@ def data_names(problem: Problem) -> list[str]:
     found += [
         n for n, b in zip(problem.parameter_names, problem.parameter_box.T, strict=True) if _any(b)
     ]
+    found += list(problem.constants)
     times = ("initial_time", problem.initial_time_box), ("final_time", problem.final_time_box)
     found += [name for name, box in times if _any(np.array(box))]
     found += [f"target.{each.name}" for each in problem.conditions]
@@ -185,36 +186,45 @@ def _change(system: _System, name: str) -> _Change:
     known = data_names(system.problem)
     if name not in known:
         raise MethodError(f"'{name}' is no datum of the problem; there are {', '.join(known)}")
+    if name in system.problem.constants:
+        value = system.problem.constants[name].value
+        return _varied(system, name, value, lambda new: system.problem.with_(**{name: new}))
     if end not in {"lower", "upper"}:  # a limit at an end that is not met
         return _Change(np.zeros(at.size), np.zeros(held.size), 0.0)
-    return _bound(system, symbol, end)
+    bounds = system.problem.bounds
+    own = next(each for each in bounds if each.name() == symbol)
+    low, high = bounds[own]
+
+    def moved(new: float) -> Problem:
+        pair = (new, high) if end == "lower" else (low, new)
+        return replace(system.problem, bounds={**bounds, own: pair})
+
+    return _varied(system, name, float((low if end == "lower" else high) or 0.0), moved)
 
 
-def _bound(system: _System, symbol: str, end: str) -> _Change:
-    """Return the partial derivatives by a bound of a control or state, by differences."""
-    problem, shooting = system.problem, system.conditions.shooting
-    own = next(each for each in problem.bounds if each.name() == symbol)
-    low, high = problem.bounds[own]
-    value = float((low if end == "lower" else high) or 0.0)
-    step = _STEP * max(abs(value), 1.0)
+def _varied(
+    system: _System, name: str, value: float, changed: Callable[[float], Problem]
+) -> _Change:
+    """Return the partial derivatives by a number of the problem, by differences of the conditions
+    at fixed variables.
+    """
+    shooting, step = system.conditions.shooting, _STEP * max(abs(value), 1.0)
     at, held = system.there.at, system.there.held
-    slope, equations, lagrangian, changed = np.zeros(at.size), np.zeros(held.size), 0.0, []
+    slope, equations, lagrangian, flows = np.zeros(at.size), np.zeros(held.size), 0.0, []
+    active = frozenset((row.name, row.sign) for row in shooting.ends if row.sign)
     for side, weight in _WEIGHTS.items():
-        moved = value + side * step
-        pair = (moved, high) if end == "lower" else (low, moved)
-        other = replace(problem, bounds={**problem.bounds, own: pair})
-        known = word_problem(other, system.solution, _POINTS)
+        known = word_problem(changed(value + side * step), system.solution, _POINTS)
         if known is None or known[2] != system.pieces:
-            raise SolveError(f"no derivative by {symbol}.{end}: kinks move with it")
-        there = Shooting(known[0], shooting.solution, shooting.steps)
+            raise SolveError(f"no derivative by {name}: kinks move with it")
+        there = Shooting(known[0], shooting.solution, shooting.steps, active=active)
         if there.signs.size != held.size:
-            raise SolveError(f"no derivative by {symbol}.{end}: it is met at an end of the horizon")
+            raise SolveError(f"no derivative by {name}: it is met at an end of the horizon")
         values = Conditions(there).values(at, held)
         slope += weight / step * values[0]
         equations += weight / step * values[1]
         lagrangian += weight / step * (values[2] + float(held @ values[1]))
-        changed.append((weight / step, there))
-    return _Change(slope, equations, lagrangian, changed)
+        flows.append((weight / step, there))
+    return _Change(slope, equations, lagrangian, flows)
 
 
 def _state(system: _System, moved: np.ndarray, change: _Change, t: float) -> tuple[float, ...]:

@@ -13,6 +13,7 @@ from socp import (
     Solution,
     SolveError,
     Word,
+    constants,
     controls,
     default_guess,
     final_time,
@@ -24,6 +25,7 @@ from socp.methods.guess import split
 from socp.methods.polish import polished
 from socp.methods.solving import Follower
 from socp.model.ladder.sensitivity import Sensitivity
+from socp.registry import Registry
 from socp.verdict.sensitivity import data_names, derivatives
 
 
@@ -65,6 +67,25 @@ def test_a_bang_bang_extremal_in_closed_form() -> None:
     assert by_v.objective == pytest.approx(1 - 1 / r, rel=1e-10)
     assert by_v.junctions == pytest.approx([1 - 0.5 / r], rel=1e-10)
     assert by_v.states[0.1] == pytest.approx([0.1, 1], abs=1e-12)
+
+
+def test_a_named_constant_in_closed_form() -> None:
+    """With |u| <= F the switch is at v / F + r, Tf = v / F + 2 r, r^2 = x / F + v^2 / 2 F^2: at x =
+    1, v = -1, F = 1 they grow by 1 - 1 / r and 1 - 2 / r. A constant may stand in several places.
+    """
+    x, v = states("x v")
+    u, force = controls("u"), constants(force=1.0)
+    problem = Problem(
+        name="pushed",
+        minimise=final_time,
+        dynamics={x: v, v: u},
+        bounds={u: (-force, force)},
+        start={x: 1, v: -1},
+        end={x: 0, v: 0},
+    )
+    (found,), r = derivatives(problem, solved(problem, "u: - +", [0.3, 1.2]), ["force"]), sqrt(1.5)
+    assert flat(found) == pytest.approx([1 - 2 / r, 1 - 1 / r, 1 - 2 / r], rel=1e-9)
+    assert "force" in data_names(problem)
 
 
 def test_derivatives_as_a_method_and_as_a_dataset() -> None:
@@ -199,6 +220,9 @@ def test_the_vehicle_by_the_strength_of_its_current() -> None:
     assert flat(found)[1:] == pytest.approx(known, abs=1e-7)
     wanted = differences(lambda strength: build(strength)[1], 0.8, 1e-2)
     assert flat(found) == pytest.approx(wanted, rel=1e-8, abs=1e-9)
+    registered = Registry.load().problem("auv")  # where the same number is a named constant
+    (named,) = derivatives(registered, judge(registered, build(0.8)[1]), ["current"])
+    assert flat(named) == pytest.approx(flat(found), rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.slow
