@@ -1,4 +1,4 @@
-"""The rung of the ladder that every registered problem reaches, what decides it, and what that
+"""The rungs of the ladder that every registered problem reaches, what decides it, and what that
 costs.
 
 Run as `python benchmarks/ladder.py [NAME ...]`: every problem is solved by `auto`, and what its
@@ -16,9 +16,10 @@ from rich.table import Table
 
 from socp import Solution, default_guess
 from socp.methods import run
-from socp.model import Curvature, cached, rung_of
+from socp.model import Curvature, cached
 from socp.registry.plugins import Registry
 from socp.verdict import second_order
+from socp.view import top_text
 
 
 def shown(found: Curvature | None) -> str:
@@ -37,7 +38,7 @@ def row(registry: Registry, name: str, seconds: float) -> tuple[list[str], float
     )
     whole = time.process_time() - began
     verdict = solution.verdict
-    rung = rung_of(solution).value
+    rung = top_text(solution)
     if verdict is None or not verdict.extremal:
         return [name, solution.word, rung, "", "", "", f"{whole:.2f}", ""], whole, 0.0
     cached(problem, second_order).clear()  # the solve itself asked

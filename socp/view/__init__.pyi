@@ -10,6 +10,7 @@ from .figures.draw import ENDINGS as ENDINGS
 from .figures.draw import check as check
 from .figures.draw import draw as draw
 from .figures.draw import to_bytes as to_bytes
+from .ladder import top_text as top_text
 from .notebook import html as html
 from .outcomes import Outcome as Outcome
 from .outcomes import infeasible as infeasible

@@ -38,7 +38,7 @@ def rung_texts(solution: "Solution") -> Iterator[tuple[str, bool, str]]:
     for step in ladder_steps(solution):
         figure = ""
         if step.figure is not None and step.allowed is not None:
-            sign = "above" if step.rung is Rung.WORD else "at most"
+            sign = "above" if step.rung in {Rung.WORD, Rung.STRONG} else "at most"
             figure = f"{step.figure:.1e}, {sign} {step.allowed:.1e}"
         elif step.figure is not None and step.rung not in {Rung.BEST, Rung.GLOBAL}:
             figure = f"{step.figure:.1e}"

@@ -77,6 +77,9 @@ def test_every_step_says_what_decides_it() -> None:
     assert not steps[Rung.STRONG].holds
     assert steps[Rung.STRONG].why == "a kink"
     assert set(steps) == {Rung.FEASIBLE, Rung.EXTREMAL, Rung.WORD, Rung.STRONG}
+    order = SecondOrder(kind=Minimum.STRONG, theorem="a theorem", margin=30.0)
+    strong = ladder_steps(of(replace(HOLDS, second_order=order)))[-1]
+    assert (strong.figure, strong.allowed, strong.why) == (30.0, 1.0, "a theorem")
 
 
 def test_no_branch_stands_on_another() -> None:

@@ -59,6 +59,8 @@ def test_the_saddle_family_in_closed_form(k: float) -> None:
     assert found.word.error < 1e-6
     if k < 0:
         assert found.kind is Minimum.STRONG
+        assert found.margin is not None
+        assert found.margin > 1
         assert found.theorem.startswith("Agrachev, Stefani, Zezza")
     else:
         assert found.kind is Minimum.NONE
@@ -66,6 +68,16 @@ def test_the_saddle_family_in_closed_form(k: float) -> None:
         moved = found.descent.times[1]  # J is a parabola in s: the prediction is exact
         assert found.descent.found == pytest.approx((1 - 2 * k) * moved**2, rel=1e-6)
         assert found.descent.predicted == pytest.approx(found.descent.found, rel=1e-6)
+
+
+def test_the_margin_of_strict_signs_in_closed_form() -> None:
+    """At k = -1 and s = 2 the switching function is t - 3 + x(3) = t - 2, and the terms of H add up
+    to at most 2. The slope is 1 over the horizon of 3: 3000 times 1e-3; the looks nearest to the
+    switch are a fortieth of an arc away, 0.025 on the second one: 2500 times 1e-5.
+    """
+    problem = saddle(-1.0)
+    found = ordered(problem, held(problem, "u: + -", [2.0, 1.0]))
+    assert found.margin == pytest.approx(2500, rel=1e-6)
 
 
 @pytest.mark.parametrize(("k", "a"), [(2.0, 0.1), (3.0, -0.2), (-1.0, 0.2), (-2.0, -0.3)])

@@ -110,6 +110,7 @@ class SecondOrder(Record):
     singular: Curvature | None
     limits: list[str]
     descent: Descent | None
+    margin: Known = None  # older files have none
 
 
 class Verdict(Record):

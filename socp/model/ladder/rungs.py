@@ -75,9 +75,9 @@ class Proof:
 @final
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """A rung with what decides it: `figure` is at most `allowed` where it holds, or, of a
-    curvature, above it; of BEST it is a number of starts, of a proof its margin, and nothing is
-    allowed. None where nothing of it was worked out, for the reason in `why`.
+    """A rung with what decides it: `figure` is at most `allowed` where it holds, or, of the minima,
+    above it; of BEST it is a number of starts, of a proof its margin, and nothing is allowed.
+    None where nothing of it was worked out, for the reason in `why`.
     """
 
     rung: Rung
@@ -192,5 +192,9 @@ def _judged(verdict: "Verdict") -> Iterator[Step]:
     elif curved:
         of_word = replace(of_word, why="no direction is free")
     yield of_word
-    theorem = found.theorem if found and found.theorem else limits
-    yield Step(rung=Rung.STRONG, holds=kind is Minimum.STRONG, why=theorem)
+    strong = Step(rung=Rung.STRONG, holds=kind is Minimum.STRONG, why=limits)
+    if found is not None and found.theorem:
+        strong = replace(strong, why=found.theorem)
+    if found is not None and found.margin is not None:
+        strong = replace(strong, figure=found.margin, allowed=1.0)
+    yield strong

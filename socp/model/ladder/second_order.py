@@ -76,6 +76,8 @@ class SecondOrder:
     - word: curvature over the arc lengths, times, parameters and free initial states of the word;
     - singular: curvature with the singular controls free as well, after Goh's transformation, where
       it settled;
+    - margin: of bang arcs alone, how many times over what is told from zero switching functions
+      and their slopes at switches are, where they are least: the strong claim asks for more than 1;
     - limits: why no more is claimed, a reason a line;
     - descent: what lowers the objective, where it is no minimum.
     """
@@ -84,6 +86,7 @@ class SecondOrder:
     theorem: str = ""
     word: Curvature | None = None
     singular: Curvature | None = None
+    margin: float | None = None
     limits: tuple[str, ...] = ()
     descent: Descent | None = None
 

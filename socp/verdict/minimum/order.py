@@ -97,7 +97,9 @@ def _minimum(problem: Problem, solution: Solution, pair: Pair, found: Curvature)
     kinds = {mode.kind for arc in solution.arcs for mode in arc.modes}
     limits = [*_common(problem, solution, pair)]
     if kinds <= {"lower", "upper"}:
-        limits += Switching(problem, solution).bang_faults()
+        strict = Switching(problem, solution).bang_conditions()
+        limits += [what for what, margin in strict if not margin > 1.0]
+        claim = replace(claim, margin=min(margin for _, margin in strict))
         if not limits:
             return replace(claim, kind=Minimum.STRONG, theorem=BANG_BANG)
     if "singular" in kinds:

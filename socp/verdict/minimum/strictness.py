@@ -79,13 +79,14 @@ class Switching:
         """Magnitude of the Hamiltonian."""
         return max(*(float(terms.max()) for _, (_, _, terms) in self.looked), TINY)
 
-    def bang_faults(self) -> list[str]:
-        """Return where a switching function is not strictly of its sign on a bang stretch, or flat
-        at a switch.
+    def bang_conditions(self) -> list[tuple[str, float]]:
+        """Return what stands against strict signs on the bang stretches and slopes at the switches
+        between them, in words, each with how many times over what is told from zero it is met: more
+        than once where it holds.
         """
         horizon = self.solution.final_time - self.solution.initial_time
         width = np.diff(self.problem.box, axis=0)[0] / self.size
-        found: list[str] = []
+        found: list[tuple[str, float]] = []
         for i, name in enumerate(self.problem.control_names):
             row = self.solution.structure[name]
             for k, (mode, start, end) in enumerate(row):
@@ -96,12 +97,12 @@ class Switching:
                 beside = _BESIDE * (end - start)
                 far = (t >= start + beside * (k > 0)) & (t <= end - beside * (k < len(row) - 1))
                 least = float((sign * sigma[far]).min(initial=np.inf)) * width[i]
-                if not least > _ZERO:
-                    found.append(f"the switching function of {name} vanishes on stretch {k + 1}")
+                what = f"the switching function of {name} vanishes on stretch {k + 1}"
+                found.append((what, least / _ZERO))
                 if k < len(row) - 1 and row[k + 1][0] in {"+", "-"}:
                     rising = -sign * self._slope(i, end) * width[i] * horizon
-                    if not rising > _FLAT:
-                        found.append(f"the switching function of {name} is flat at t = {end:.6g}")
+                    what = f"the switching function of {name} is flat at t = {end:.6g}"
+                    found.append((what, rising / _FLAT))
         return found
 
     def _inside(self, i: int, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
