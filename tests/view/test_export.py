@@ -129,6 +129,7 @@ def test_netcdf_has_named_dimensions_and_units(problem: Problem, solution: Solut
     same(read.attrs["switches"], solution.switches)
     assert read.attrs["word"] == solution.word
     assert read.attrs["objective"] == solution.objective
+    assert read.attrs["rung"] == "WORD"
 
 
 def test_a_dataset_of_a_solution_without_its_problem(solution: Solution) -> None:
