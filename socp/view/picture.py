@@ -33,7 +33,7 @@ class Picture:
     `flow`: points (2, k) and the current there (2, k), None where there is none, at the initial
     time where it depends on time; `target`: (cx, cy, radius) or None; `labels`: the names of the
     axes; `spatial`: whether one unit is as long on both axes, as it is in a scene of the problem's
-    own, not in a phase plane.
+    own, and in a phase plane of two states of one unit; `others`: paths (2, k) beside this one.
     """
 
     t: np.ndarray
@@ -44,13 +44,15 @@ class Picture:
     target: tuple[float, float, float] | None
     labels: tuple[str, str]
     spatial: bool
+    others: tuple[np.ndarray, ...] = ()
 
     @property
     def box(self) -> np.ndarray:
         """Lower left and upper right corner (2, 2) of what there is to see: rows x and y, a margin
         around them.
         """
-        seen = self.path[:, np.isfinite(self.path).all(axis=0)]
+        seen = np.hstack([self.path, *self.others])
+        seen = seen[:, np.isfinite(seen).all(axis=0)]
         if self.target is not None:
             cx, cy, radius = self.target
             seen = np.hstack([seen, [[cx - radius, cx + radius], [cy - radius, cy + radius]]])
@@ -91,11 +93,17 @@ def picture_of(problem: Problem, solution: Solution, t: Any = None) -> Picture:
         flow=None,
         target=scene.target,
         labels=(labels[0], labels[1]),
-        spatial=problem.scene is not None,
+        spatial=problem.scene is not None or _alike(problem, scene),
     )
     if scene.flow is None:
         return found
     return _flowing(problem, solution, scene, found)
+
+
+def _alike(problem: Problem, scene: Scene) -> bool:
+    """Tell whether both axes of a plane have one and the same unit."""
+    first, second = (problem.unit(str(each)) for each in scene.plane)
+    return bool(first) and first == second
 
 
 def box_around(points: np.ndarray, *, spatial: bool) -> np.ndarray:

@@ -14,6 +14,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import pytest
+from carts import cart, v, x
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
@@ -25,6 +26,7 @@ from socp.registry.plugins import Registry
 from socp.view.figures import draw as figures
 from socp.view.figures import style
 from socp.view.figures.arrangement import TimeAxis
+from socp.view.picture import picture_of
 from socp.view.traces import sampled
 
 ROOT = Path(__file__).parents[2]
@@ -202,7 +204,8 @@ def test_short_arcs_are_widened_and_time_keeps_its_order(solved: Solved) -> None
 
 def test_a_solution_alone_shows_what_it_knows(solved: Solved) -> None:
     _, solution = solved("auv")
-    labels = [axes.get_ylabel() for axes in drawn(solution, None).axes]
+    alone = replace(solution, statement=None)
+    labels = [axes.get_ylabel() for axes in drawn(alone, None).axes]
     assert len(labels) == 2 + 4 + 4  # controls, states, costates
     assert r"$\sigma_{r}$" not in labels
 
@@ -335,3 +338,53 @@ def test_missing_matplotlib_is_one_line(
     assert len(lines) == 1
     assert "pip install 'socp[plot]'" in lines[0]
     assert len(list(saved.iterdir())) == 1
+
+
+def test_solutions_beside_one_another_share_their_panels(solved: Solved) -> None:
+    problem, solution = solved("goddard_vlimit")
+    slower = solution.simulate(problem, disturbance={"v": -0.05})
+    figure = drawn(
+        solution, None, beside={"gravity": slower}, panels=("controls", "states"), title=True
+    )
+    axes = panel(figure, "v")
+    (own, other) = [line for line in axes.get_lines() if len(line.get_xdata()) > 100]
+    np.testing.assert_allclose(other.get_ydata()[-1], slower["v"][-1])
+    np.testing.assert_allclose(own.get_ydata()[-1], solution["v"][-1])
+    low, _ = axes.get_ylim()
+    assert low < min(solution["v"].min(), slower["v"].min())
+    names = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+    assert names[:2] == ["lgr-multiphase", "gravity"]
+    (title,) = (text.get_text() for text in figure.texts)
+    assert title.startswith("goddard_vlimit by lgr-multiphase: objective ")
+    assert title.endswith(", extremal") or "minimum" in title
+
+
+def test_what_shares_nothing_is_not_drawn_beside(solved: Solved) -> None:
+    _, solution = solved("goddard_vlimit")
+    _, other = solved("auv")
+    with pytest.raises(MethodError, match="shares no state or control"):
+        solution.plot(beside=[replace(other, state_names=tuple("abcd"))], panels=["states"])
+    with pytest.raises(MethodError, match="a figure has no option 'besides'"):
+        solution.plot(besides=[other])
+
+
+def test_costates_stand_in_their_order(solved: Solved) -> None:
+    problem, solution = solved("auv")
+    labels = [axes.get_ylabel() for axes in drawn(solution, problem).figure.axes]
+    found = [label for label in labels if label.startswith(r"$\lambda")]
+    assert found == [rf"$\lambda_{{{style.symbol(name)}}}$" for name in problem.state_names]
+
+
+@pytest.mark.parametrize(("unit", "equal"), [("m", True), ("m/s", False)])
+def test_a_plane_of_one_unit_has_equal_scales(unit: str, equal: bool) -> None:
+    problem = cart(units={x: "m", v: unit})
+    assert picture_of(problem, default_guess(problem)).spatial is equal
+
+
+def test_the_multiplier_of_a_constraint_far_away_is_noise(solved: Solved) -> None:
+    problem, solution = solved("goddard_vlimit")
+    (low, high) = problem.state_box[:, problem.state_names.index("v")]
+    assert np.isinf(low)
+    far = problem.with_({"bounds.v.upper": 10 * high})
+    shown = [axes.get_ylabel() for axes in drawn(solution, far).axes]
+    assert not any("mu" in label for label in shown)

@@ -18,16 +18,17 @@ from socp.errors import MethodError
 class Asked:
     """What `socp plot` was asked for."""
 
-    result: str
+    results: tuple[str, ...]
     out: str | None
     panels: str | None
     width: float
     stretch: bool
+    title: bool
     problem: str | None
 
 
 @click.command()
-@click.argument("result", metavar="RESULT")
+@click.argument("results", metavar="RESULT...", nargs=-1, required=True)
 @click.option(
     "-o", "--out", metavar="FILE", help="File, .png, .svg or .pdf.  [default: RESULT.svg]"
 )
@@ -41,14 +42,17 @@ class Asked:
     metavar="INCHES",
     help="Width.  [default: 7]",
 )
+@click.option("--title", is_flag=True, help="Say above what it is: objective, final time, verdict.")
 @click.option("--stretch", is_flag=True, help="Widen short arcs on the time axis.")
 @click.option(
     "--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: that of the result]"
 )
 @click.pass_obj
 def plot(session: Session, /, **given: Any) -> int:
-    """Draw controls with their arcs, switching functions, states, costates and the path of a saved
-    result.
+    """Draw a figure of saved results: controls with their arcs, switching functions, states,
+    costates and the path.
+
+    Of several results the others are drawn beside the first, in the same panels.
 
     Panels: scene, controls, switching, states, costates, multipliers, hamiltonian. What is not
     known is left out: bounds, switching functions, units and the scene need the problem. Below 5
@@ -60,17 +64,27 @@ def plot(session: Session, /, **given: Any) -> int:
     asked = Asked(**given)
     if math.isnan(asked.width):
         raise MethodError("--width nan: it must be a number of inches from 2 to 30")
-    path = writable(Path(asked.out or f"{stem(asked.result)}.svg"), "-o")
+    path = writable(Path(asked.out or f"{stem(asked.results[0])}.svg"), "-o")
     ending = path.suffix.removeprefix(".").lower()
     if ending not in ENDINGS:
         endings = ", ".join(f".{each}" for each in ENDINGS)
         raise MethodError(f"-o {path}: it ends with '{path.suffix}'; figures end with {endings}")
     panels = asked.panels.replace(" ", "").split(",") if asked.panels else DEFAULT
     check(panels)
-    solution, problem = open_result(session, asked.result, asked.problem)
+    first, *others = asked.results
+    solution, problem = open_result(session, first, asked.problem)
     if problem is None:
         session.note(f"no bounds and no scene: {problem_missing(solution)}")
-    figure = draw(solution, problem, panels, width=asked.width, stretch=asked.stretch)
+    beside = {stem(each): open_result(session, each, None)[0] for each in others}
+    figure = draw(
+        solution,
+        problem,
+        panels,
+        width=asked.width,
+        stretch=asked.stretch,
+        beside=beside,
+        title=asked.title,
+    )
     write_atomic(path, to_bytes(figure, ending))
     session.tell(path)
     return Exit.SOLVED

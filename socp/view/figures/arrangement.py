@@ -25,6 +25,8 @@ _TOP, _BOTTOM, _GAP, _BETWEEN, _LINE, _UPRIGHT = (
 )  # inches: margins, gaps, a line
 _LABEL = 0.55  # inches from a panel to its label, so that the labels of a column stand in line
 _SHARE = 0.09  # of a stretched axis, for every arc at least
+_REST = ("costates", "multipliers", "hamiltonian")  # panels that fill the columns
+_SHOWN = 1e-3  # of the horizon: what ends so little later ends there, as it looks
 _UPRIGHT_FROM = 5  # labels of switching times stand upright where there are as many
 
 
@@ -53,14 +55,16 @@ class TimeAxis:
     marked: tuple[float, ...] | None = None
 
     @staticmethod
-    def of(solution: "Solution", unit: str, *, stretch: bool) -> "TimeAxis":
+    def of(solution: "Solution", unit: str, *, stretch: bool, until: float = 0.0) -> "TimeAxis":
         """Return the axis of a solution, as it is or with arcs that are no shorter than a share of
-        it.
+        it; it goes on `until` where others end.
         """
         label = style.label("t", unit)
         if not stretch:
             return TimeAxis(np.asarray, label)
         times = np.array([solution.initial_time, *solution.switches, solution.final_time])
+        if until - times[-1] > _SHOWN * (times[-1] - times[0]):
+            times = np.append(times, until)
         length = np.diff(times) / (times[-1] - times[0])
         share = np.maximum(length, min(_SHARE, 0.5 / length.size))
         places = np.concatenate([[0.0], np.cumsum(share / share.sum())])
@@ -96,28 +100,43 @@ def arranged(
     paired = [panel for pair in zip(controls, switching, strict=False) for panel in pair]
     left = paired if len(paired) == len(controls) + len(switching) else [*controls, *switching]
     right = [*([] if scene is None else [scene]), *made.get("states", ())]
-    columns = [[*left, *right]] if one else [left, right]
-    for name in ("costates", "multipliers", "hamiltonian"):
-        for panel in made.get(name, ()):
-            min(columns, key=_height).append(panel)
+    rest = [panel for name in _REST for panel in made.get(name, ())]
+    if one:
+        columns = [[*left, *right, *rest]]
+    else:  # in their order: the first of them left, the others right
+        pairs = [([*left, *rest[:k]], [*right, *rest[k:]]) for k in range(len(rest) + 1)]
+        columns = list(min(pairs, key=lambda pair: max(map(_height, pair))))
     return [column for column in columns if column]
 
 
-def composed(
-    top: Panel | None,
-    columns: Sequence[Sequence[Panel]],
-    axis: TimeAxis,
-    kinds: Collection[str],
-    width: float,
-) -> Any:
-    """Return a figure with one panel across the page, if any, and columns of equal height below it.
+@final
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What stands around the panels: the signs of the modes that the legend explains, the width in
+    inches, a title, and the names of several solutions with their looks.
+    """
 
-    `kinds`: the signs of the modes that the legend explains.
+    kinds: Collection[str]
+    width: float
+    title: str = ""
+    names: tuple[tuple[str, style.Look], ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """Lines above the panels beside the first of the legend."""
+        return (self.width < TWO) + bool(self.title) + bool(self.names)
+
+
+def composed(
+    top: Panel | None, columns: Sequence[Sequence[Panel]], axis: TimeAxis, frame: Frame
+) -> Any:
+    """Return a figure with one panel across the page, if any, and columns of equal height below
+    it.
     """
     from matplotlib.figure import Figure
 
-    tallest = max(map(_height, columns), default=0.0)
-    begin = _TOP + (_LINE if width < TWO else 0.0)  # where the legend has two lines
+    width, tallest = frame.width, max(map(_height, columns), default=0.0)
+    begin = _TOP + _LINE * frame.rows
     under = begin + (0.0 if top is None else top.height + _BETWEEN + _GAP)
     height = under + tallest + _BOTTOM + (_UPRIGHT if axis.upright else 0.0)
     figure = Figure(figsize=(width, height))
@@ -135,7 +154,7 @@ def composed(
             up += panel.above + tall + (_GAP if panel.timed else _BETWEEN)
             if panel.timed:
                 axis.put(axes, last=panel is column[-1])
-    _legend(figure, kinds)
+    _legend(figure, frame)
     return figure
 
 
@@ -155,11 +174,30 @@ def _put(figure: Any, panel: Panel, box: tuple[float, float, float, float]) -> A
     return axes
 
 
-def _legend(figure: Any, kinds: Collection[str]) -> None:
-    """Explain the colours of the arcs and the marks in the scene, those that there are."""
+def _legend(figure: Any, frame: Frame) -> None:
+    """Write the title, and explain the lines of several solutions, the colours of the arcs and the
+    marks in the scene, those that there are.
+    """
+    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    shown = [each for sign, each in style.MODES.items() if sign in kinds]
+    looks: dict[str, Any] = {
+        "frameon": False,
+        "handlelength": 1.6,
+        "handleheight": 0.9,
+        "borderaxespad": 0.3,
+    }
+    line, down = _LINE / figure.get_figheight(), 1.0
+    if frame.title:
+        place = {"ha": "center", "va": "top", "fontsize": style.FONT}
+        figure.text(0.5, down - 0.3 * line, frame.title, **place)
+        down -= line
+    if frame.names:
+        lines = [Line2D([], [], color=c, ls=dash, label=name) for name, (c, dash) in frame.names]
+        above = {**looks, "handlelength": 2.6, "bbox_to_anchor": (0.5, down)}
+        figure.legend(handles=lines, loc="upper center", ncols=len(lines), **above)
+        down -= line
+    shown = [each for sign, each in style.MODES.items() if sign in frame.kinds]
     handles: list[Any] = [
         Patch(facecolor=colour, hatch=hatch, label=name, lw=0) for name, colour, hatch in shown
     ]
@@ -167,5 +205,5 @@ def _legend(figure: Any, kinds: Collection[str]) -> None:
     handles += [points[name] for name in ("start", "switch", "end") if name in points]
     if handles:
         row = 7 if figure.get_figwidth() >= TWO else 4
-        looks = {"frameon": False, "handlelength": 1.6, "handleheight": 0.9, "borderaxespad": 0.3}
+        looks["bbox_to_anchor"] = (0.5, down)
         figure.legend(handles=handles, loc="upper center", ncols=min(len(handles), row), **looks)

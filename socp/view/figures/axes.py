@@ -26,7 +26,7 @@ class Curve:
     shade it.
 
     `switches`: times that are marked; `zero`: whether a line marks zero; `lanes`: whether the arcs
-    are named above.
+    are named above; `others`: look, times and values of the same quantity of other solutions.
     """
 
     label: str
@@ -38,16 +38,30 @@ class Curve:
     switches: Sequence[float] = ()
     zero: bool = False
     lanes: bool = False
+    others: tuple[tuple[style.Look, np.ndarray, np.ndarray], ...] = ()
+
+    @property
+    def everything(self) -> np.ndarray:
+        """The finite values of all solutions (k,)."""
+        values = np.concatenate([self.values, *(each for _, _, each in self.others)])
+        finite: np.ndarray = values[np.isfinite(values)]
+        return finite
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The first and the last time of all solutions."""
+        times = [self.t, *(t for _, t, _ in self.others)]
+        return min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
 
 
 def draw_curve(axes: Any, curve: Curve, warp: Callable[[Any], np.ndarray]) -> None:
     """Draw a curve with its bounds, arcs and switching times; `warp` maps times to places on the
     axis.
     """
-    values, power = _scaled(curve.values)
+    power = _power(curve.everything)
     low, high = _limits(curve, 10.0**power)
     axes.set_ylim(low, high)
-    axes.set_xlim(*warp(curve.t[[0, -1]]))
+    axes.set_xlim(*warp(np.array(curve.span)))
     if curve.stretches:
         _shade(axes, curve, warp)
     if len(curve.switches) <= _MARKED:
@@ -60,28 +74,33 @@ def draw_curve(axes: Any, curve: Curve, warp: Callable[[Any], np.ndarray]) -> No
             )
     if curve.zero:
         axes.axhline(0.0, color=style.FAINT, lw=style.THIN, zorder=1.5)
-    axes.plot(
-        warp(curve.t), values, color=style.INK, lw=style.LINE, zorder=3, solid_joinstyle="miter"
-    )
+    lines = ((style.OWN, curve.t, curve.values), *curve.others)
+    for k, ((colour, dashes), times, values) in enumerate(lines):
+        shown = np.where(np.isfinite(values), values, np.nan) / 10.0**power
+        axes.plot(
+            warp(times),
+            shown,
+            color=colour,
+            ls=dashes,
+            lw=style.LINE,
+            zorder=3 + 0.1 * bool(k),
+            solid_joinstyle="miter",
+        )
     unit = f"$10^{{{power}}}$ {curve.unit}".strip() if power else curve.unit
     axes.set_ylabel(style.label(curve.label, unit))
     _ticks(axes)
 
 
-def _scaled(values: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return values in units of a power of ten that makes their labels short, and that power;
-    infinite ones as nan.
-    """
-    values = np.where(np.isfinite(values), values, np.nan)
-    largest = float(np.nanmax(np.abs(values), initial=0.0))
+def _power(values: np.ndarray) -> int:
+    """Return the power of ten in whose units the labels of finite values (k,) are short."""
+    largest = float(np.max(np.abs(values), initial=0.0))
     power = int(np.floor(np.log10(largest))) if largest > 0 else 0
-    power = power if power <= -3 or power >= 5 else 0
-    return values / 10.0**power, power
+    return power if power <= -3 or power >= 5 else 0
 
 
 def _limits(curve: Curve, unit: float) -> tuple[float, float]:
     """Return limits that hold the values, and bounds that are near, with a margin."""
-    seen = curve.values[np.isfinite(curve.values)]
+    seen = curve.everything
     low, high = (float(seen.min()), float(seen.max())) if seen.size else (0.0, 1.0)
     span = high - low
     near = [
@@ -92,7 +111,7 @@ def _limits(curve: Curve, unit: float) -> tuple[float, float]:
         min([low, *shown, *([0.0] if curve.zero else [])]),
         max([high, *shown, *([0.0] if curve.zero else [])]),
     )
-    least = 1e-6 * max(abs(low), abs(high), TINY)  # rounding is not to fill the panel
+    least = 1e-4 * max(abs(low), abs(high), TINY)  # what no label tells apart fills no panel
     pad = (
         0.08 * max(high - low, least)
         if high - low > least
@@ -104,7 +123,7 @@ def _limits(curve: Curve, unit: float) -> tuple[float, float]:
 def _shade(axes: Any, curve: Curve, warp: Callable[[Any], np.ndarray]) -> None:
     """Shade the arcs, and name them in a lane above the panel where there is room."""
     across = axes.get_xaxis_transform()
-    width = float(np.ptp(warp(curve.t[[0, -1]]))) or 1.0
+    width = float(np.ptp(warp(np.array(curve.span)))) or 1.0
     inches, tall = (axes.get_position().size * axes.figure.get_size_inches()).tolist()
     below, above, named = (1.0 + height / tall for height in _LANE)
     for mode, start, end in curve.stretches:
@@ -138,9 +157,11 @@ def _ticks(axes: Any) -> None:
         axes.spines[side].set_visible(False)
 
 
-def draw_scene(axes: Any, picture: "Picture", labels: tuple[str, str]) -> None:
+def draw_scene(
+    axes: Any, picture: "Picture", labels: tuple[str, str], looks: Sequence[style.Look] = ()
+) -> None:
     """Draw a path in its plane: the current, the target, headings, start, end and switching
-    points.
+    points, and the paths of other solutions in their looks.
     """
     from matplotlib.patches import Circle
 
@@ -160,8 +181,22 @@ def draw_scene(axes: Any, picture: "Picture", labels: tuple[str, str]) -> None:
             )
         )
     axes.plot(*picture.path, color=style.INK, lw=style.LINE, zorder=3)
+    for (colour, dashes), path in zip(looks, picture.others, strict=True):
+        axes.plot(*path, color=colour, ls=dashes, lw=style.LINE, zorder=3.1)
     if picture.heading is not None:
         _headings(axes, picture)
+    _points(axes, picture)
+    axes.set_xlim(left, right)
+    axes.set_ylim(low, high)
+    if picture.spatial:
+        axes.set_aspect("equal")
+    axes.set_xlabel(labels[0])
+    axes.set_ylabel(labels[1])
+    _ticks(axes)
+
+
+def _points(axes: Any, picture: "Picture") -> None:
+    """Draw start, end and switching points, under the names that the legend takes."""
     if len(picture.marks) <= _MARKED:
         places = np.array([mark.place for mark in picture.marks]).reshape(-1, 2).T
         axes.plot(
@@ -189,13 +224,6 @@ def draw_scene(axes: Any, picture: "Picture", labels: tuple[str, str]) -> None:
     axes.plot(
         *picture.path[:, -1:], "s", ms=3.2, color=style.INK, ls="none", zorder=4.5, label="end"
     )
-    axes.set_xlim(left, right)
-    axes.set_ylim(low, high)
-    if picture.spatial:
-        axes.set_aspect("equal")
-    axes.set_xlabel(labels[0])
-    axes.set_ylabel(labels[1])
-    _ticks(axes)
 
 
 def _current(axes: Any, points: np.ndarray, flow: np.ndarray) -> None:

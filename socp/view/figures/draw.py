@@ -4,6 +4,7 @@ functions, the scene.
 
 import io
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -11,13 +12,24 @@ import numpy as np
 
 from socp import errors
 from socp.errors import MethodError
+from socp.model import known_problem
 from socp.view.exports import unit
 from socp.view.figures import style
-from socp.view.figures.arrangement import LEFT, RIGHT, TWO, Panel, TimeAxis, arranged, composed
+from socp.view.figures.arrangement import (
+    LEFT,
+    RIGHT,
+    TWO,
+    Frame,
+    Panel,
+    TimeAxis,
+    arranged,
+    composed,
+)
 from socp.view.figures.axes import Curve, draw_curve, draw_scene
+from socp.view.figures.overlay import Group, heading_of, overlaid
 from socp.view.ladder import top_text
 from socp.view.picture import picture_of, scene_of
-from socp.view.traces import Traces, sampled
+from socp.view.traces import Traces
 
 if TYPE_CHECKING:
     from socp.model import Problem, Solution
@@ -29,7 +41,8 @@ WIDTH = 7.0  # inches: both columns of a page
 _FLAT = 2.5  # scenes flatter than this go across the page
 # Of the largest multiplier: what an interior point leaves of a constraint that is not active
 _NOTHING = 1e-6
-_DPI, _POINTS = 200, 500
+_APART = 1e-3  # of its largest value: nearer to zero a constraint on a grid may be active
+_DPI = 200
 
 
 def draw(
@@ -39,46 +52,48 @@ def draw(
     *,
     width: float = WIDTH,
     stretch: bool = False,
+    **more: Any,
 ) -> Any:
     """Return a matplotlib Figure of a solution, `width` inches wide, drawn without pyplot.
 
-    `panels`: names out of `PANELS`; what is not known is left out: without the problem bounds,
-    switching functions and units. `stretch` widens short arcs on the time axis, which then is
-    marked at the switching times.
+    The problem is the one that the solution carries, unless another is given. `panels`: names out
+    of `PANELS`; what is not known is left out: without a problem bounds, switching functions and
+    units. `stretch` widens short arcs on the time axis, which then is marked at the switching
+    times. `more`: `beside`, other solutions drawn in the same panels, in a list or by the names
+    that the legend gives them; `title`, a text, or True for what is known of the solution.
 
-    Raises MethodError where matplotlib is not installed, and for a panel that there is not.
+    Raises MethodError where matplotlib is not installed, for a panel that there is not, and for
+    solutions that share no state or control.
     """
     check(panels)
     matplotlib = errors.load("matplotlib", "plot", "a figure")
+    problem = problem or known_problem(solution)
     with matplotlib.rc_context(style.SETTINGS):
-        along = sampled(problem, solution, _POINTS)
-        axis = TimeAxis.of(solution, _unit(problem, "time"), stretch=stretch)
+        group = overlaid(problem, solution, **{k: v for k, v in more.items() if k != "title"})
+        axis = TimeAxis.of(solution, _unit(problem, "time"), stretch=stretch, until=group.until)
         curves = {
-            name: list(_curves(name, solution, problem, along))
+            name: list(_curves(name, solution, problem, group))
             for name in panels
             if name != "scene"
         }
         made = {
             name: [
                 Panel(partial(draw_curve, curve=curve, warp=axis.warp), *_heights(curve))
-                for curve in group
+                for curve in each
             ]
-            for name, group in curves.items()
+            for name, each in curves.items()
         }
-        plane = problem is not None and (problem.scene is not None or len(solution.state_names) > 1)
-        seen = (
-            _scene(solution, problem, along, width)
-            if problem and plane and "scene" in panels
-            else None
-        )
+        seen = _scene(solution, problem, group, width) if problem and "scene" in panels else None
         top, beside = (seen[0], None) if seen and seen[1] else (None, seen[0] if seen else None)
         arcs = {
             style.kind(mode)
-            for group in curves.values()
-            for curve in group
+            for each in curves.values()
+            for curve in each
             for mode, _, _ in curve.stretches
         }
-        figure = composed(top, arranged(made, beside, one=width < TWO), axis, arcs, width)
+        columns = arranged(made, beside, one=width < TWO)
+        heading = heading_of(solution, more.get("title", ""))
+        figure = composed(top, columns, axis, Frame(arcs, width, heading, group.names))
         figure.set_label("; ".join(filter(None, (solution.problem, top_text(solution)))))
         return figure
 
@@ -112,13 +127,11 @@ def to_bytes(figure: Any, ending: str) -> bytes:
 
 
 def _curves(
-    name: str,
-    solution: "Solution",
-    problem: "Problem | None",
-    along: Traces,
+    name: str, solution: "Solution", problem: "Problem | None", group: Group
 ) -> Iterator[Curve]:
     """Yield the panels of one kind that have anything to show."""
-    rows = _rows(name, solution, along)
+    rows = _rows(name, solution, group.along)
+    others = [(_rows(name, each.solution, each.along), each) for each in group.others]
     box = _bounds(name, problem)
     for (owner, label), values in rows.items():
         if not np.isfinite(values).any():
@@ -127,19 +140,28 @@ def _curves(
         yield Curve(
             label=label,
             unit=_unit(problem, owner) if name in {"controls", "states"} else "",
-            t=along.t,
+            t=group.along.t,
             values=values,
             bounds=box.get(owner, (-np.inf, np.inf)),
             stretches=arcs,
             switches=[end for _, _, end in arcs[:-1]] if arcs else solution.switches,
             zero=name in {"switching", "multipliers"},
             lanes=name == "controls",
+            others=tuple(
+                (each.look, each.along.t, found[owner, label])
+                for found, each in others
+                if (owner, label) in found
+            ),
         )
 
 
 def _rows(name: str, solution: "Solution", along: Traces) -> dict[tuple[str, str], np.ndarray]:
     """Return the values (n,) of one kind of panels by name and label."""
-    sizes = {c: float(np.nanmax(np.abs(row), initial=0.0)) for c, row in along.multipliers.items()}
+    sizes = {
+        c: float(np.nanmax(np.abs(row), initial=0.0))
+        for c, row in along.multipliers.items()
+        if _met(along.constraints.get(c))
+    }
     active = [c for c, size in sizes.items() if size > _NOTHING * max(sizes.values())]
     found: dict[str, tuple[Sequence[str], str, Iterable[np.ndarray]]] = {
         "controls": (solution.control_names, "{}", along.u),
@@ -154,6 +176,15 @@ def _rows(name: str, solution: "Solution", along: Traces) -> dict[tuple[str, str
         (each, pattern.format(style.symbol(each))): row
         for each, row in zip(names, values, strict=True)
     }
+
+
+def _met(constraint: np.ndarray | None) -> bool:
+    """Tell whether a constraint c (n,) <= 0 comes near zero: the multiplier of one that does not is
+    what an interior point leaves of it.
+    """
+    if constraint is None or not constraint.size:
+        return True
+    return bool(np.nanmax(constraint) >= -_APART * np.nanmax(np.abs(constraint)))
 
 
 def _unit(problem: "Problem | None", name: str) -> str:
@@ -180,10 +211,18 @@ def _heights(curve: Curve) -> tuple[float, float]:
 
 
 def _scene(
-    solution: "Solution", problem: "Problem", along: Traces, width: float
-) -> tuple[Panel, bool]:
-    """Return the panel of the scene, and whether it goes across the page."""
-    seen = picture_of(problem, solution, along.t)
+    solution: "Solution", problem: "Problem", group: Group, width: float
+) -> tuple[Panel, bool] | None:
+    """Return the panel of the scene, and whether it goes across the page; None where there is no
+    plane.
+    """
+    if problem.scene is None and len(solution.state_names) < 2:
+        return None
+    seen = picture_of(problem, solution, group.along.t)
+    paths = [
+        (each.look, picture_of(problem, each.solution, each.along.t).path) for each in group.others
+    ]
+    seen = replace(seen, others=tuple(path for _, path in paths))
     plane = [str(each) for each in scene_of(problem).plane]
     pairs = zip(plane, seen.labels, strict=True)
     labels = [
@@ -197,6 +236,10 @@ def _scene(
     across = seen.spatial and ratio > _FLAT
     room = width if across or width < TWO else 0.5 * width
     height = min((room - LEFT - RIGHT) / ratio, 2.6)
-    return Panel(
-        partial(draw_scene, picture=seen, labels=(labels[0], labels[1])), height, timed=False
-    ), across
+    put = partial(
+        draw_scene,
+        picture=seen,
+        labels=(labels[0], labels[1]),
+        looks=tuple(look for look, _ in paths),
+    )
+    return Panel(put, height, timed=False), across

@@ -4,6 +4,7 @@ mathematics writes them.
 
 import re
 from collections.abc import Mapping
+from typing import Any
 
 from socp.process import one_line
 
@@ -21,6 +22,16 @@ MODES: Mapping[str, tuple[str, str, str]] = {
     "b": ("boundary", "#9a5c94", "xxxx"),
     "*": ("free", "#ffffff", ""),
 }
+
+Look = tuple[str, Any]  # colour and dashes of a line
+OWN: Look = (INK, "-")
+# other solutions' lines: dashes tell them apart in grey
+OTHERS: tuple[Look, ...] = (
+    ("#0b5394", (0, (5, 1.5))),
+    ("#b45f06", (0, (1, 1))),
+    ("#38761d", (0, (6, 1.5, 1, 1.5))),
+    ("#741b47", (0, (3, 1, 1, 1, 1, 1))),
+)
 
 _LETTERS = (
     "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau "
