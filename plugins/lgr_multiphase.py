@@ -25,6 +25,7 @@ from socp.methods import Follower, guess_along, sound, split
 from socp.model import Stop
 from socp.solvers import default_backend
 from socp.transcription import euler, lgr
+from socp.verdict import certified
 
 _TOLERANCE = 1e-11  # of the solver: switching times to many digits
 _PHASES = 3  # one a kind of arc: bang, singular, bang
@@ -42,7 +43,8 @@ class LgrMultiphase(Method):
     source: ClassVar[str] = "doi:10.3934/dcdsb.2019092, section 4 (GPOPS) and (16)"
     word: str = option(
         "",
-        "arcs by control, such as 'r: + s s s +; f: + + b - -'; that of the guess where it has one",
+        "arcs by control, as 'r: + s s s +; f: + + b - -', or stretches, as 'r: +, s, +; f: +, b, "
+        "-'; that of the guess where it has one",
     )
     lengths: str = option(
         "", "rough arc lengths as a guess, such as '0.05 0.6 14 0.1 0.2'; equal where not given"
@@ -78,13 +80,24 @@ class LgrMultiphase(Method):
 
         Where the guess leads nowhere along a word, a coarse solve without it gives another.
         """
-        backend = self.backend.within(_TOLERANCE)
-        word = self._word(problem, guess)
-        if word is None:
+        words = self._words(problem, guess)
+        if not words:
             count = self.phases or _PHASES
             meshes = [uniform(lgr(self.points or 40), self.intervals or 1)] * count
-            phased = single_phase(problem, count)
+            phased, backend = single_phase(problem, count), self.backend.within(_TOLERANCE)
             return solve_collocated(phased, meshes, backend, self._cut(guess, count), watch)
+        best = self._along(problem, words[0], guess, watch)
+        for word in words[1:]:
+            if best.stop is Stop.INTERRUPTED or certified(problem, best).extremal:
+                break
+            other = self._along(problem, word, guess, watch)
+            better = (not other.stop.ok, other.objective) < (not best.stop.ok, best.objective)
+            best = other.after(best) if better else best.after(other)
+        return best
+
+    def _along(self, problem: Problem, word: Word, guess: Solution, watch: Watch) -> Solution:
+        """Solve along a word."""
+        backend = self.backend.within(_TOLERANCE)
         follower = Follower(self.points or 10, self.intervals, self.tolerance, backend=backend)
         solution = follower(problem, word, self._cut(guess, len(word.arcs)), watch)
         if sound(problem, solution) or solution.stop is Stop.INTERRUPTED:
@@ -98,15 +111,24 @@ class LgrMultiphase(Method):
         better = again if again.stop.ok or not solution.stop.ok else solution
         return better.after(coarse).after(solution if better is again else again)
 
-    def _word(self, problem: Problem, guess: Solution) -> Word | None:
-        """Return the word to solve along, None where controls are free."""
+    def _words(self, problem: Problem, guess: Solution) -> tuple[Word, ...]:
+        """Return the words to solve along, more than one where the order of switches is open, none
+        where controls are free.
+        """
         if self.word:
-            return Word.parse(self.word, problem.control_names)
+            if guess.lawful and self._rows(guess.followed) == self.word.replace(",", "").split():
+                return (guess.followed,)
+            return Word.readings(self.word, problem.control_names)
         known = {None, *(constraint.name for constraint in problem.constraints)}
-        if self.phases or not guess.lawful:
-            return None
         modes = [mode for arc in guess.arcs for mode in arc.modes]
-        return guess.followed if all(mode.constraint in known for mode in modes) else None
+        if self.phases or not guess.lawful or any(m.constraint not in known for m in modes):
+            return ()
+        return (guess.followed,)
+
+    @staticmethod
+    def _rows(word: Word) -> list[str]:
+        """Return the signs of a word as a report prints it."""
+        return "; ".join(f"{name}: {word.of(name)}" for name in word.controls).split()
 
     def _cut(self, guess: Solution, count: int) -> Solution:
         if not self.lengths:

@@ -16,6 +16,7 @@ import shlex
 import sys
 import tomllib
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ import pytest
 from socp_plugins.collocation import TABLE
 from test_auto import spelt
 
+import socp as public
 from socp.cli import main
 from socp.cli.app import socp
 from socp.cli.commands.describing import option_rows
@@ -274,6 +276,36 @@ def test_results_page_lists_every_stop_and_exit_code() -> None:
         stop.name: stop.value for stop in Stop
     }
     assert {int(row[0]) for row in table(page, "Exit codes")} == {code.value for code in Exit}
+
+
+DIRECTIVE = re.compile(r"^::: (\S+)\n(?: +options:\n +members: \[([^]]+)\])?", re.MULTILINE)
+
+
+def test_api_page_has_every_public_name() -> None:
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    shown = set()
+    for module, members in DIRECTIVE.findall(page):
+        names = members.split(", ") if members else vars(import_module(module)).keys()
+        for name in names:
+            assert getattr(import_module(module), name).__doc__ or not members, name
+        shown |= set(names)
+    symbols = {"time", "initial_time", "final_time", "free", "hookimpl"}  # values, not functions
+    assert set(public.__all__) - symbols <= shown
+    tasks = {word for row in table_of(page) for word in re.findall(r"`(\w+)`", row)}
+    assert set(public.__all__) <= tasks | symbols
+    assert all(f"`{name}`" in page for name in symbols)
+
+
+def table_of(page: str) -> list[str]:
+    return [line for line in page.splitlines() if line.startswith("| ")]
+
+
+def test_everything_public_is_imported_by_a_star() -> None:
+    names: dict[str, object] = {}
+    exec("from socp import *", names)  # noqa: S102 - what is tested
+    assert set(public.__all__) <= set(names)
+    assert set(public.__all__) <= set(dir(public))
+    assert not {"Any", "TYPE_CHECKING"} & set(dir(public))
 
 
 def test_language_page_lists_every_field() -> None:

@@ -102,3 +102,36 @@ def test_any_other_text_is_a_method_error(text: str) -> None:
         assert str(error).startswith("word: ")  # noqa: PT017 - most texts fail, some are words
     else:
         assert Word.parse(str(word), word.controls) == word
+
+
+def spelt(text: str) -> list[str]:
+    return [str(word) for word in Word.readings(text, ["r", "f"])]
+
+
+def test_stretches_are_read_in_every_order_of_their_switches() -> None:
+    found = spelt("r: + s +; f: + -")
+    assert sorted(found) == [
+        "r: + + s +; f: + - - -",
+        "r: + s + +; f: + + + -",
+        "r: + s s +; f: + + - -",
+    ]
+    assert found[0] == "r: + s s +; f: + + - -"
+    assert all(word.of("r") == "+ s +" for word in Word.readings("r: + s +; f: + -", ["r", "f"]))
+
+
+def test_one_mode_an_arc_is_one_word() -> None:
+    for text in ("r: + s s; f: + + b[a,|]", "r: + | s; f: + | -", "r: s; f: s"):
+        assert len(spelt(text)) == 1
+    assert len(Word.readings("+ s + -", ["u"])) == 1
+
+
+def test_commas_and_bars_tell_the_two_readings_apart() -> None:
+    assert spelt("r: + | s; f: + | -") == ["r: + s; f: + -"]
+    assert sorted(spelt("r: +, s; f: +, -")) == ["r: + + s; f: + - -", "r: + s s; f: + + -"]
+    with pytest.raises(MethodError, match=r"two readings: write 'r: . . s; f: . . -' if all"):
+        spelt("r: + s; f: + -")
+
+
+def test_too_many_orders_are_refused() -> None:
+    with pytest.raises(MethodError, match="may follow in 462 orders"):
+        spelt("r: + - + - + - +; f: +, - + - + -")

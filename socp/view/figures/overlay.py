@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 from socp.errors import MethodError
-from socp.model import carried, rung_of
+from socp.model import known_problem, rung_of
 from socp.view.figures import style
 from socp.view.traces import Traces, sampled
 
@@ -70,7 +70,7 @@ def overlaid(
         if not own & {*each.state_names, *each.control_names}:
             raise MethodError(f"'{name}' shares no state or control with '{solution.problem}'")
         alike = each.state_names == solution.state_names
-        along = sampled(problem if alike else carried(each), each, _POINTS)
+        along = sampled(problem if alike else known_problem(each), each, _POINTS)
         found.append(Other(name, style.OTHERS[k % len(style.OTHERS)], each, along))
     return Group(sampled(problem, solution, _POINTS), style.plain(solution.method), tuple(found))
 
