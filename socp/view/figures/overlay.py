@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 from socp.errors import MethodError
-from socp.model import known_problem, rung_of
+from socp.model import known_problem
 from socp.view.figures import style
+from socp.view.ladder import top_text
 from socp.view.traces import Traces, sampled
 
 if TYPE_CHECKING:
@@ -81,6 +82,6 @@ def heading_of(solution: "Solution", title: str | bool) -> str:
         return style.plain(title) if title else ""
     if not title:
         return ""
-    rung = "not judged" if solution.verdict is None else rung_of(solution.verdict).value
+    rung = "not judged" if solution.verdict is None else top_text(solution)
     times = f"objective {solution.reached:.8g}, final time {solution.final_time:.6g}"
     return style.plain(f"{solution.problem} by {solution.method}: {times}, {rung}")
