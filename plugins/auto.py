@@ -16,10 +16,8 @@ from socp import (
     hookimpl,
     option,
     silent,
-    single_phase,
-    solve_collocated,
 )
-from socp.methods import scouted
+from socp.methods import scouted, solve_directly
 from socp.model import Stop
 from socp.process import time_limit
 from socp.search import (
@@ -75,7 +73,7 @@ class Auto(Method):
         """
         began, search, directs = time.perf_counter(), self._search(), list[Solution]()
         try:
-            with time_limit(self.seconds):
+            with time_limit(time_shares(self.seconds)[0]):
                 found = self._searched(problem, guess, (search, directs), watch)
                 if found.extremal:
                     found = with_agreement(problem, found, self.digits, search.backend, watch)
@@ -96,7 +94,7 @@ class Auto(Method):
         self, problem: Problem, guess: Solution, known: tuple[Search, list[Solution]], watch: Watch
     ) -> Solution:
         search, directs = known
-        whole, first, scouting = time_shares(self.seconds)
+        _, whole, first, scouting = time_shares(self.seconds)
         with time_limit(whole):
             with time_limit(first):
                 found = warm_start(problem, guess, search, watch)
@@ -139,7 +137,7 @@ class Auto(Method):
                 return start
             shown: list[Solution] = []
             for mesh in meshes(problem, self.steps):
-                direct = solve_collocated(single_phase(problem), [mesh], backend, start, watch)
+                direct = solve_directly(problem, mesh, backend, start, watch)
                 directs.append(direct)
                 if direct.stop is Stop.INTERRUPTED:
                     return search.best or direct

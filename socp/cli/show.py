@@ -29,7 +29,7 @@ def facts(problem: "Problem", solution: "Solution") -> dict[str, Any]:
         "solved": came_to.answer,
         "stop": solution.stop.name,
         "message": solution.message,
-        "objective": None if none else solution.objective,
+        "objective": None if none else solution.told,
         "value": solution.objective,
         "objective_reached": solution.reached,
         "initial_time": solution.initial_time,

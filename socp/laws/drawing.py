@@ -113,7 +113,8 @@ _ESCAPED = (
 )
 _SHORTER = 0.25  # what the time of a simulation that is rough or escapes is multiplied with
 _TRIALS = 14  # times that a simulation is shortened: to some 1e-8 of the horizon
-# Of the typical way, by which points are moved off the motions: these may have an invariant
+# Of the typical way, by which points are moved off the motions: these may have an invariant; of a
+# state's size, how far around its start is
 _STRAY = 0.1
 # Of the size that ends, bounds and rates show: a state that stays below it is taken for as large as
 # these, it is rounding
@@ -234,12 +235,23 @@ def _tame(
 
 def _sizes(problem: Problem, runs: _Runs, whole: float) -> np.ndarray:
     """Return how large every state (nx, 1) is by its ends and bounds, and by its rate at the start
-    over the horizon.
+    over the horizon, 0 where neither shows it.
+
+    A rate is none where it is rounding against what it is around the start: the cosine of a heading
+    straight across is 6e-17.
     """
     flow = rate_function(problem).map(runs.x0.shape[1])
-    rate = np.abs(flow(runs.x0, runs.bangs[0], runs.t0, runs.p).full())
-    rate = np.where(np.isfinite(rate), rate, 0.0).max(axis=1)
-    result: np.ndarray = np.maximum(shown_sizes(problem, runs.x0), rate * whole)[:, None]
+
+    def rate(x: np.ndarray) -> np.ndarray:
+        found = np.abs(flow(x, runs.bangs[0], runs.t0, runs.p).full())
+        most: np.ndarray = np.where(np.isfinite(found), found, 0.0).max(axis=1)
+        return most
+
+    shown, here = shown_sizes(problem, runs.x0), rate(runs.x0)
+    span = np.where(shown > 0, shown, 1.0)[:, None]
+    around = np.maximum(rate(runs.x0 + _STRAY * span), rate(runs.x0 - _STRAY * span))
+    here = np.where(here > _NONE * around, here, 0.0)
+    result: np.ndarray = np.maximum(shown, here * whole)[:, None]
     return result
 
 

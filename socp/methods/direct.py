@@ -2,7 +2,7 @@
 which one is best.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, islice
@@ -88,12 +88,18 @@ def scouts_from_motions(
 @final
 class _Scouting:
     """Coarse solves from guesses, on one programme, and as long as that leads nowhere on the same
-    in the problem's own units; it ends with the time allowed.
+    in the problem's own units, which go first from where they have led somewhere; it ends with the
+    time allowed.
     """
 
     def __init__(self, problem: Problem, guess: Solution, watch: Watch) -> None:
         self.problem, self.guess, self.watch = problem, guess, watch
         self.mesh = knotted(problem, radau_iia(2), _STEPS)
+
+    @property
+    def units(self) -> tuple[Callable[[], _Programme], ...]:
+        """The programmes, made when they are asked for, in the order in which they are tried."""
+        return lambda: self.scaled, lambda: self.unscaled
 
     @cached_property
     def scaled(self) -> _Programme:
@@ -108,14 +114,16 @@ class _Scouting:
     def all(self, guesses: Iterator[Solution], backend: Backend) -> Scouted:
         """Return the extremals met, or an interrupted solve alone."""
         met: list[tuple[Solution, int]] = []
-        tried = 0
+        tried, units = 0, self.units
         for start in guesses:
             if seconds_left() <= 0.0:
                 break
             tried += 1
-            found = self._solved(self.scaled, start, backend)
+            found = self._solved(units[0](), start, backend)
             if not met and not (found and (found.stop.ok or found.stop is Stop.INTERRUPTED)):
-                found = self._solved(self.unscaled, start, backend)
+                found = self._solved(units[1](), start, backend)
+                if found and found.stop.ok:  # what leads somewhere goes first
+                    units = units[::-1]
             if found is None:
                 continue
             if found.stop is Stop.INTERRUPTED:

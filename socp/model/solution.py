@@ -143,10 +143,24 @@ class Solution:
         own value differs.
         """
         own = f"{self.objective:.12g}"
-        if not self.verified or self.verified[0].gap <= EXTREMAL:
+        if not self.overclaimed:
             return (own,)
         told = "no value" if np.isnan(self.reached) else f"{self.reached:.12g}"
         return (f"{told} reached by the control, re-integrated", f"{own} claimed by the method")
+
+    @property
+    def overclaimed(self) -> bool:
+        """Whether the returned control reaches another objective than the method's own, by more
+        than an extremal's may be off.
+        """
+        return bool(self.verified) and not self.verified[0].gap <= EXTREMAL
+
+    @property
+    def told(self) -> float:
+        """The objective that a report leads with: the method's own, or what the control reaches
+        where it is overclaimed.
+        """
+        return self.reached if self.overclaimed else self.objective
 
     @property
     def lawful(self) -> bool:

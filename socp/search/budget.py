@@ -13,10 +13,12 @@ from socp.methods import motions, scouts_from_motions, solve_directly
 from socp.model import Problem, Solution, Stop, Watch, silent
 from socp.process import seconds_left, time_limit
 from socp.search.effort import Ration, Search, along_words, off, precedes
-from socp.search.refinement import refine
+from socp.search.motions import own_motion
+from socp.search.neighbours import word_of
+from socp.search.refinement import refine, try_words
 from socp.solvers import Backend
 from socp.transcription import Mesh, euler, knotted, radau_iia
-from socp.verdict import chattering, verify
+from socp.verdict import chattering
 
 
 @final
@@ -41,12 +43,16 @@ class Round:
 # What words near their guesses have not led to is left to the last
 ROUNDS = (Round(4, 1e7, 120, 1000, 0.6, near=True), Round(16, 1e8, 240, 5000, 1.0, near=False))
 # Of the time allowed: what the search leaves for what concludes it, the best direct solution on
-# finer grids and the words of fewer switches of one that chatters
-_CONCLUDING = 0.2
+# finer grids and the words of fewer switches of one that chatters; of this, what is left for the
+# verdict on what is returned
+_CONCLUDING, _VERDICT = 0.2, 0.08
 # Of the time allowed, at most: coarse grids may show none but wrong words, without end
 _FIRST = 0.25
 # The same of scouting: what has been met by then leaves time for a word
 _SCOUTING = _FIRST / 2.0
+# Of the time that the first round leaves, at most: motions as guesses, where no grid has followed
+# one
+_MOVING = 0.4
 _STARTS = 3  # solutions in hand from which a round starts; others are worse
 # Relative: a grid whose control takes the states further from what it claims has not followed the
 # motion, and is no start
@@ -54,15 +60,17 @@ _CLAIMED = 1e-2
 # The same beyond which all grids so far are taken to have jumped over the motion: coarse ones are
 # off by a few per cent where they have not
 _JUMPED = 0.1
+_LED = 20  # words tried from the best one of the rounds before: half of what one grid is worth
 _ITERATIONS = 500  # what a direct solve has not reached by then it hardly ever reaches
 _MOTIONS = 3  # those that keep best to the box; other horizons are the scouts' concern
 
 
-def time_shares(seconds: float) -> tuple[float, float, float]:
-    """Return how much of the time allowed goes into the whole search, into its first round, and of
-    this into scouting.
+def time_shares(seconds: float) -> tuple[float, float, float, float]:
+    """Return how much of the time allowed goes into all but the verdict, into the search, into its
+    first round, and of this into scouting.
     """
-    return (1.0 - _CONCLUDING) * seconds, _FIRST * seconds, _SCOUTING * seconds
+    shares = 1.0 - _VERDICT, 1.0 - _CONCLUDING, _FIRST, _SCOUTING
+    return shares[0] * seconds, shares[1] * seconds, shares[2] * seconds, shares[3] * seconds
 
 
 def escalate(
@@ -83,7 +91,8 @@ def escalate(
     guess, steps, backend = first
     lost = not _done(problem, search) and not any(_followed(problem, each) for each in directs)
     if guess is not None and lost:
-        directs += scouts_from_motions(problem, guess, _staged(watch, "motions"), backend)
+        with time_limit(_MOVING * seconds_left()):
+            directs += scouts_from_motions(problem, guess, _staged(watch, "motions"), backend)
         if directs and directs[-1].stop is Stop.INTERRUPTED:
             raise KeyboardInterrupt
     for number, more in enumerate(ROUNDS, 2):
@@ -97,9 +106,21 @@ def escalate(
         search.begin(Ration(more.work, patient), more.words, more.finer * steps)
         told = _staged(watch, f"round {number} of {len(ROUNDS) + 1}")
         with time_limit(seconds_left() * more.share):
+            lead(problem, search, told)
             how = meshes(problem, more.finer * steps), backend.limited(_ITERATIONS)
-            _round(problem, search, directs, how, told)
+            if not search.over:
+                _round(problem, search, directs, how, told)
     search.late = seconds_left() <= 0.0
+
+
+def lead(problem: Problem, search: Search, watch: Watch = silent) -> None:
+    """Go on from the best word that is not certified, with what the judge misses there: it is
+    solved again from its own solution, with as many iterations as the round has, and mended.
+    """
+    best = search.other
+    if best is None or not best.lawful or not off(best) <= _CLAIMED:
+        return
+    try_words(problem, iter([[word_of(best)]]), search, watch, _LED)
 
 
 def _round(
@@ -133,7 +154,7 @@ def _followed(problem: Problem, direct: Solution) -> bool:
     """Tell whether the control of a direct solution reaches what the solution claims, roughly."""
     if not direct.stop.ok:
         return False
-    return off(replace(direct, verified=verify(problem, direct))) <= _JUMPED
+    return off(own_motion(problem, direct)) <= _JUMPED
 
 
 def meshes(problem: Problem, steps: int) -> tuple[Mesh, ...]:
@@ -145,7 +166,7 @@ def _starts(problem: Problem, directs: Sequence[Solution]) -> Iterator[Solution]
     """Yield the solutions in hand, the best ones first, then motions: grids may have jumped over
     what these follow.
     """
-    solved = [replace(each, verified=verify(problem, each)) for each in directs if each.stop.ok]
+    solved = [own_motion(problem, each) for each in directs if each.stop.ok]
     ordered = sorted(solved, key=cmp_to_key(_order))
     runs = islice(motions(problem, (ordered or directs)[0], own=True), _MOTIONS)
     groups = [iter(ordered[:_STARTS]), runs]

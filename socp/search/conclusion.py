@@ -2,6 +2,7 @@
 is left open.
 """
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import final
@@ -9,8 +10,9 @@ from typing import final
 from socp.errors import SolveError
 from socp.methods import solve_collocated
 from socp.model import FEASIBLE, TINY, Met, Problem, Solution, Starts, Stop, Watch, silent
-from socp.process import seconds_left
+from socp.process import seconds_left, time_limit
 from socp.search.effort import Ration, Search, clearly, off, precedes
+from socp.search.motions import own_motion
 from socp.search.refinement import refine
 from socp.solvers import Backend, default_backend
 from socp.transcription import Mesh, euler, knotted, single_phase, trapezoid
@@ -27,6 +29,7 @@ _MORE = 4  # times the seconds that were not enough: what is advised next
 _NEXT = (  # what reads words in another way than this search does
     "other words: -m mboc searches all of few switches, -m lgr-multiphase -o word='...' tries one"
 )
+_JUDGED = 2.0  # times what the solution before it took: solving and judging another one
 _TOLERANCE = 1e-7  # of those: a solution is compared by its re-integration
 # Relative: two certified objectives of one extremal differ by less
 _SAME = 1e-6
@@ -214,12 +217,20 @@ def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -
     if not worth:
         return judge(problem, min(directs, key=lambda each: each.objective)) if directs else None
     worth.sort(key=lambda each: -each.arcs[0].t.size)  # coarse ones miss most of what they claim
-    best = _first([_verified(problem, each) for each in _while_time(worth)])
-    found = [finer(best, mesh) for mesh in finer.meshes if seconds_left() > 0.0]
-    solved = [best, *(each for each in found if each is not None and each.stop.ok)]
-    if seconds_left() <= 0.0:  # the judge needs some of it for every one
-        return judge(problem, _first([_verified(problem, each) for each in solved]))
-    return _first([judge(problem, each) for each in _while_time(solved)])
+    with time_limit(seconds_left() / 2.0):
+        best = _first([own_motion(problem, each) for each in _while_time(worth)])
+    began = time.monotonic()
+    best = judge(problem, best)
+    for mesh in finer.meshes:
+        spent = _JUDGED * (time.monotonic() - began)  # the next takes no less, and as much to solve
+        if seconds_left() <= spent:
+            break
+        began = time.monotonic()
+        with time_limit(seconds_left() - spent):
+            found = finer(best, mesh)
+        if found is not None and found.stop.ok:
+            best = _first([best, judge(problem, own_motion(problem, found))])
+    return best
 
 
 def _while_time(solutions: Sequence[Solution]) -> Iterator[Solution]:

@@ -7,6 +7,7 @@ import numpy as np
 from socp.errors import MethodError, SolveError
 from socp.methods import Follower, polished, sound
 from socp.model import TINY, Agreement, Problem, Solution, Stop, Watch, Word, silent
+from socp.process import seconds_left
 from socp.search.neighbours import without_arc, word_of
 from socp.solvers import Solver
 from socp.verdict import certified
@@ -32,7 +33,7 @@ def with_agreement(
     back as it is.
     """
     solution = settled(problem, solution, backend, watch)
-    if agrees(solution, digits):
+    if agrees(solution, digits) or seconds_left() <= 0.0:
         return solution
     found = polished(problem, solution)
     best = solution if found is None else certified(problem, found)
@@ -52,7 +53,7 @@ def settled(
     """
     for _ in range(len(solution.arcs)):
         short = _spurious(solution)
-        if not short:
+        if not short or seconds_left() <= 0.0:
             break
         now = word_of(solution)
         for k in reversed(short):
@@ -103,6 +104,8 @@ def _compared(
     word = best.followed
     last = best
     for tolerance in _FINER:
+        if seconds_left() <= 0.0:
+            break
         follower = Follower(points=_POINTS, tolerance=tolerance, longer=False, backend=wanted[1])
         try:
             finer = follower(problem, word, last, watch)

@@ -22,7 +22,8 @@ from socp.model import (
 from socp.transcription.phases import Phase
 
 # Of what motions reach from the start: a state that a guess hardly moves is taken for at least as
-# large. A guess may say nothing of it; motions with constant controls may take it too far
+# large. A guess may say nothing of it; motions with constant controls may take it too far. Of its
+# bounds as well, where a guess does say nothing: motions may not go on for long enough
 _MOVED = 1e-2
 # What the objective counts in a programme: the barrier of an interior point method begins at 0.1,
 # which should be a small share of it
@@ -114,8 +115,9 @@ def state_magnitudes(problem: Problem, near: Solution) -> np.ndarray:
     moved = np.sqrt(np.mean(admissible(problem)[1 : 1 + named.size] ** 2, axis=1))
     moved = np.where(np.isfinite(moved), moved, 0.0)
     size = np.maximum(named, own)
-    size = np.where(size > 0, np.maximum(size, _MOVED * moved), moved)
     box = np.where(np.isfinite(problem.state_box), np.abs(problem.state_box), 0.0).max(axis=0)
+    unknown = np.where(moved > 0, np.maximum(moved, _MOVED * box), 0.0)
+    size = np.where(size > 0, np.maximum(size, _MOVED * moved), unknown)
     size = np.where(size > 0, size, box)
     return np.where(size > 0, size, 1.0)
 

@@ -12,6 +12,7 @@ from .minimum.order import second_order as second_order
 from .minimum.order import with_second_order as with_second_order
 from .newton import Conditions as Conditions
 from .newton import settled as settled
+from .reintegration import moved as moved
 from .reintegration import verify as verify
 from .sensitivity import data_names as data_names
 from .sensitivity import derivatives as derivatives

@@ -10,7 +10,7 @@ from typing import final
 
 import casadi
 import numpy as np
-from scipy.integrate import DOP853
+from scipy.integrate import DOP853, LSODA
 
 from socp import laws
 from socp.model import (
@@ -37,6 +37,9 @@ RTOL = 1e-10  # of DOP853; what is compared with it is seldom better than 1e-9
 # there
 _LOOKS = 20
 _GLANCES = 4  # the same on a short piece, over which nothing rises much
+# Steps of DOP853, but for the first few on every piece, after which a motion is taken for stiff and
+# goes on by a method for that: some second of time, and what is not stiff takes a tenth
+_MANY, _FEW = 1000, 10
 _DIVERGED = 1e6  # times the problem's own magnitude: the state has left for good
 # A piece this short against the horizon is tried in one step: no time goes into choosing the first
 _SHORT = 1e-2
@@ -145,14 +148,17 @@ def _closed_flow(problem: Problem, modes: Modes) -> casadi.Function:
 @final
 @dataclass(eq=False)
 class Log:
-    """Points looked at along the way, and how far (nx,) the claimed states were off at most;
-    `begun`: where in the lists the points of every piece begin.
+    """Points looked at along the way, the states at the returned nodes, how far (nx,) the claimed
+    ones were off at most, and the steps that tell a stiff motion; `begun`: where in the lists the
+    points of every piece begin.
     """
 
     begun: list[int] = field(default_factory=list)
     t: list[np.ndarray] = field(default_factory=list)
     x: list[np.ndarray] = field(default_factory=list)
     u: list[np.ndarray] = field(default_factory=list)
+    nodes: list[np.ndarray] = field(default_factory=list)
+    steps: int = 0
     off: np.ndarray = field(default_factory=lambda: np.zeros(1))
 
     def keep(self, t: np.ndarray, x: np.ndarray, piece: Piece) -> None:
@@ -163,7 +169,8 @@ class Log:
         self.u.append(np.array(u).T)
 
     def compare(self, x: np.ndarray, claimed: np.ndarray) -> None:
-        """Compare states (nx, k) with those claimed for the same times."""
+        """Compare states (nx, k) with those claimed for the same times, the next nodes."""
+        self.nodes.append(x)
         self.off = np.maximum(self.off, np.abs(x - claimed).max(axis=1, initial=0.0))
 
     @property
@@ -247,8 +254,12 @@ def _integrate(
         return y, ""
     first, looks = (length, _GLANCES) if length < _SHORT * horizon else (None, _LOOKS)
     solver = DOP853(rate, piece.start, y, piece.end, rtol=RTOL, atol=RTOL * scale, first_step=first)
+    taken = 0
     while solver.status == "running":
-        message = solver.step()
+        if log.steps > _MANY and isinstance(solver, DOP853):
+            solver = LSODA(rate, solver.t, solver.y, piece.end, rtol=RTOL, atol=RTOL * scale)
+        message, taken = solver.step(), taken + 1
+        log.steps += taken > _FEW
         if solver.status == "failed" or not np.all(np.abs(solver.y[:-1]) <= _DIVERGED * scale[:-1]):
             return (
                 solver.y,

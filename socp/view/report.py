@@ -181,7 +181,7 @@ def to_reference(problem: "Problem", solution: "Solution") -> dict[str, Any] | N
     comparable = pairs and len(reference.switches) == len(solution.switches)
     return {
         "objective": reference.objective,
-        "error": solution.objective - reference.objective,
+        "error": solution.told - reference.objective,
         "switches": max(abs(a - b) for a, b in pairs) if comparable else None,
         "word": _same_word(problem, solution),
         "tolerance": reference.tolerance,

@@ -181,7 +181,7 @@ def test_what_scouting_met_is_gone_on_from_where_its_round_has_no_time_left(
     )
     met = scouts(regulator, default_guess(regulator), 1)
     plugin = sys.modules[Registry.load().method("auto").__module__]
-    monkeypatch.setattr(plugin, "time_shares", lambda _: (60.0, 0.0, 0.0))
+    monkeypatch.setattr(plugin, "time_shares", lambda _: (60.0, 60.0, 0.0, 0.0))
     monkeypatch.setattr(plugin, "scouted", lambda *_: Scouted(tuple((each, 1) for each in met), 1))
     monkeypatch.setattr("socp.search.budget.scouts_from_motions", lambda *_: [])
     found = auto(regulator)

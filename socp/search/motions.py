@@ -1,0 +1,50 @@
+"""The motion of a direct solution's own control, in place of what its grid makes of it."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from socp.model import FEASIBLE, Arc, Problem, Solution, legendre_coefficients
+from socp.verdict import moved, verify
+
+
+def own_motion(problem: Problem, direct: Solution) -> Solution:
+    """Return a verified direct solution; where its control meets all but its box or its claim, with
+    the motion and the objective of that control.
+
+    A polynomial control that jumps leaves its box between its nodes: it is held at its mean on
+    every interval then, which does as much and stays inside.
+    """
+    seen = verify(problem, direct)[0]
+    found = direct
+    if seen.box > FEASIBLE and not direct.lawful:
+        found = moved(problem, replace(direct, arcs=tuple(_held(each) for each in direct.arcs)))
+    elif seen.worst <= FEASIBLE < seen.off:
+        found = moved(problem, direct)
+    if found is not direct:
+        told = f"the objective is that of its own control, its grid claims {direct.objective:.8g}"
+        found = replace(found, message="; ".join(filter(None, (direct.message, told))))
+    return replace(found, verified=verify(problem, found))
+
+
+def _held(arc: Arc) -> Arc:
+    """Return an arc with the mean of its control on every interval."""
+    ends = arc.mesh
+    spans = [(float(arc.t[a]), float(arc.t[b])) for a, b in pairwise(ends)]
+    means = np.empty((arc.u.shape[0], len(spans)))
+    for k, span in enumerate(spans):
+        nodes = arc.nodes(k, "u")
+        for i, row in enumerate(arc.u[:, nodes]):
+            # the first Legendre coefficient of the polynomial through the nodes
+            means[i, k] = legendre_coefficients(arc.t[nodes], row, span)[0]
+    return replace(
+        arc,
+        t=arc.t[ends],
+        x=arc.x[:, ends],
+        u=np.hstack([means[:, :1], means]),
+        costate=arc.costate[:, ends],
+        mesh=np.arange(ends.size),
+        side="right",
+        multipliers={name: row[ends] for name, row in arc.multipliers.items()},
+    )
