@@ -248,7 +248,7 @@ def _sizes(problem: Problem, runs: _Runs, whole: float) -> np.ndarray:
         return most
 
     shown, here = shown_sizes(problem, runs.x0), rate(runs.x0)
-    span = np.where(shown > 0, shown, 1.0)[:, None]
+    span = np.maximum(shown, here * whole)[:, None]
     around = np.maximum(rate(runs.x0 + _STRAY * span), rate(runs.x0 - _STRAY * span))
     here = np.where(here > _NONE * around, here, 0.0)
     result: np.ndarray = np.maximum(shown, here * whole)[:, None]

@@ -5,12 +5,14 @@ from typing import Any
 import casadi
 import numpy as np
 import pytest
+from casadi import cos
 
 from socp.methods import default_guess
 from socp.model import Problem, controls, final_time, states
 from socp.model.word import Mode, Word
 from socp.solvers import default_backend
 from socp.transcription import collocate, follow, lgr, radau_iia, single_phase, uniform
+from socp.transcription.scaling import state_magnitudes
 
 x, v = states("x v")
 u = controls("u")
@@ -109,3 +111,36 @@ def test_arcs_along_a_word_are_scaled_as_well() -> None:
     at = np.random.default_rng(2).uniform(0.5, 1.0, one.problem.v.numel())
     values = [casadi.Function("g", [e.problem.v], [e.problem.g])(at).full() for e in (one, other)]
     assert values[1] == pytest.approx(values[0], rel=1e-9, abs=1e-9)
+
+
+def test_a_speed_whose_rate_is_rounding_at_the_start_has_the_size_that_motions_give_it() -> None:
+    """A jet straight across: cos(pi / 2) is 6e-17, and the speed still comes to some units."""
+    th = states("th")
+    push, turn = controls("push turn")
+    robot = Problem(
+        name="robot",
+        running=push,
+        dynamics={x: v, v: push * cos(th), th: turn},
+        bounds={push: (-1, 1), turn: (-1, 1)},
+        start={x: -10, v: 0, th: np.pi / 2},
+        end={x: 0, v: 0, th: 0},
+        final_time=12,
+    )
+    assert 0.3 < state_magnitudes(robot, default_guess(robot))[1] < 12.0
+
+
+def test_a_state_of_which_nothing_is_known_is_no_smaller_than_a_share_of_its_bound(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Motions may have been followed for a moment alone, as of what is made from a stiff thing."""
+    made = Problem(
+        name="made",
+        minimise=-x,
+        dynamics={x: v, v: u},
+        bounds={u: (0, 1), x: (0, 50)},
+        start={x: 0, v: 0},
+        final_time=1,
+    )
+    monkeypatch.setattr("socp.transcription.scaling.admissible", lambda _: np.full((6, 4), 1e-5))
+    found = state_magnitudes(made, default_guess(made))
+    assert found.tolist() == pytest.approx([0.5, 1e-5])

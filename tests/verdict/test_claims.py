@@ -172,6 +172,28 @@ def test_a_wrong_objective_is_neither_feasible_nor_the_headline(claim: float) ->
     assert told_["value"] == claim or np.isnan(claim)
 
 
+def test_a_claim_is_measured_by_what_the_motion_costs() -> None:
+    """X = exp(-20 t): its integral is 1/20, of an x of 1 over a time of 10; 0.07 is no rounding."""
+    problem = posed(
+        dynamics={x: -20 * x, y: u}, running=x, minimise=y, start={x: 1, y: 0}, final_time=10
+    )
+    made = along(problem, "-")
+    wrong = judge(problem, replace(made, objective=0.07))
+    assert made.reached == pytest.approx(0.05, rel=1e-8)
+    assert wrong.verified[0].gap == pytest.approx(0.02 / 0.05, rel=1e-3)
+    assert not verdict_of(wrong).feasible
+
+
+def test_facts_lead_with_what_the_control_reaches() -> None:
+    made = along(posed(minimise=-x, running=3 * u), "-")
+    near = judge(posed(minimise=-x, running=3 * u), replace(made, objective=-np.exp(2) - 0.01))
+    assert verdict_of(near).feasible
+    assert near.overclaimed
+    told = facts(posed(), near)
+    assert told["objective"] == near.told == near.reached == pytest.approx(-np.exp(2), rel=1e-9)
+    assert told["value"] == -np.exp(2) - 0.01
+
+
 def test_a_right_objective_is_told_once() -> None:
     made = along(posed(minimise=-x, running=3 * u), "-")
     assert made.headline == (f"{made.objective:.12g}",)

@@ -5,6 +5,7 @@ exactly.
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -257,3 +258,23 @@ def test_a_parabola_does_not_hide_its_peak_in_one_step() -> None:
         problem, claimed(problem, lambda t: [t / 2 - t**2 / 2, 0.5 - t], lambda t: 0 * t - 1)
     )
     assert found.path == pytest.approx(1.0, rel=1e-2)  # 1/8, relative to the largest x of the claim
+
+
+def test_a_stiff_motion_is_integrated_in_a_moment() -> None:
+    """X follows cos t within 1e-6: (r^2 cos t + r sin t) / (r^2 + 1) with r = 1e6, for 2e6 steps of
+    an explicit method.
+    """
+    r = 1e6
+    problem = walk(
+        minimise=y, dynamics={x: r * (cos(time) - x), y: u}, start={x: 1, y: 0}, final_time=10
+    )
+
+    def motion(t: np.ndarray) -> Any:
+        return np.vstack([(r**2 * np.cos(t) + r * np.sin(t)) / (r**2 + 1), -t])
+
+    solution = claimed(problem, motion, lambda t: -np.ones_like(t), span=(0, 10))
+    began = process_time()
+    seen = verify(problem, solution)[0]
+    assert process_time() - began < 10.0
+    assert seen.end == pytest.approx(motion(np.array([10.0]))[:, 0].tolist(), abs=1e-8)
+    assert seen.drift < 1e-8

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import click
 
+from socp.cli.commands.advising import advice
 from socp.cli.commands.recording import live_option, record_option, recording, recording_watch
 from socp.cli.keeping import Place, keep
 from socp.cli.options import DEFAULT_METHOD, pairs
@@ -52,6 +53,10 @@ class Asked:
     require: str | None
     as_json: bool
     quiet: bool
+
+    def named(self) -> list[str]:
+        """Return the words of a command line that name the problem, with what is `--set`."""
+        return [self.problem, *(word for each in self.changes for word in ("--set", each))]
 
     def shortened(self) -> list[tuple[str, str]]:
         """Return the options of the method that have a name of their own on the command line."""
@@ -137,7 +142,7 @@ def solve(session: Session, /, **given: Any) -> int:
         session.written.append(place.path)
         recorder.finish(problem, solution)
     with signals_held():
-        _show(problem, solution, place.path, as_json=asked.as_json)
+        _show(problem, solution, place.path, asked)
     for line in registry.solved(problem, solution):
         session.warn(line)
     return _ended(session, solution, place, asked)
@@ -157,11 +162,12 @@ def _ended(session: Session, solution: "Solution", place: Place, asked: Asked) -
     return code(solution, strict=asked.strict, required=asked.require)
 
 
-def _show(problem: "Problem", solution: "Solution", path: Path, *, as_json: bool) -> None:
-    if as_json:
-        write_json({**facts(problem, solution), "result": str(path)})
+def _show(problem: "Problem", solution: "Solution", path: Path, asked: Asked) -> None:
+    told = advice(solution, asked.named(), str(path))
+    if asked.as_json:
+        write_json({**facts(problem, solution), "advice": list(told), "result": str(path)})
         return
-    show(heading(problem.name, problem.title), report(problem, solution, str(path)))
+    show(heading(problem.name, problem.title), report(problem, solution, str(path)), *told)
 
 
 def _guess(path: str, problem: "Problem") -> "Solution":

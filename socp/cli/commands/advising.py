@@ -1,0 +1,66 @@
+"""After a solve that certified nothing: what it came to, why, and the next command, in three
+lines.
+"""
+
+import shlex
+from typing import TYPE_CHECKING
+
+from socp.cli.options import DEFAULT_METHOD
+from socp.cli.outcome import outcome
+from socp.view import Outcome
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from socp.model import Solution
+
+# Of the seconds allowed: a search that took as much has been ended by them
+_SPENT = 0.75
+_MORE = 4  # times what was not enough, of seconds and of steps: less is seldom felt
+_SWITCHES = 2  # times those that were allowed: where a control chatters each of them costs as much
+
+
+def advice(solution: "Solution", problem: "Sequence[str]", result: str) -> tuple[str, ...]:
+    """Return three lines: what a solve came to, why, and the command to try next; none where it is
+    certified or was interrupted.
+
+    problem: the words of a command line that name it, with what was `--set`; result: the path of
+    its result.
+    """
+    came_to = outcome(solution)
+    if came_to in {Outcome.EXTREMAL, Outcome.INTERRUPTED}:
+        return ()
+    tried = shlex.join(["socp", "solve", *problem, *_next(solution, result)])
+    return (
+        f"what: {came_to.value.partition(': ')[2]}",
+        f"why:  {_why(solution)}",
+        f"next: {tried}",
+    )
+
+
+def _why(solution: "Solution") -> str:
+    verdict = solution.verdict
+    if verdict is None or not (verdict.reasons or verdict.notes):
+        return solution.message or solution.stop.value
+    if verdict.feasible and verdict.chattering:
+        return f"{', '.join(verdict.chattering)}: chattering, which no finite word ends"
+    if not solution.stop.ok:
+        return f"{solution.stop.value}; {(*verdict.reasons, *verdict.notes)[0]}"
+    return (*verdict.reasons, *verdict.notes)[0]
+
+
+def _next(solution: "Solution", result: str) -> list[str]:
+    """Return the options of the next command, by what this one was given and what it found."""
+    verdict, given = solution.verdict, solution.options
+    feasible = verdict is not None and verdict.feasible
+    if solution.method != DEFAULT_METHOD:
+        return ["--guess", result] if feasible else []
+    if feasible and verdict and verdict.chattering and given["max_switches"]:
+        return ["--max-switches", str(_SWITCHES * given["max_switches"])]
+    if sum(solution.seconds.values()) >= _SPENT * given["seconds"]:
+        # along a word the search goes on where it ended
+        on = ["--guess", result] if solution.lawful and feasible else []
+        return [*on, "--seconds", f"{_MORE * given['seconds']:g}"]
+    if not feasible:
+        return ["-o", f"steps={_MORE * given['steps']}"]
+    return ["-m", "mboc", "-o", f"switches={len(solution.switches) + 1}"]

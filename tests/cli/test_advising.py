@@ -1,0 +1,102 @@
+"""What is said after a solve that certified nothing: three lines, the last one a command."""
+
+import json
+import shlex
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from socp import Problem, Solution, controls, default_guess, run, states
+from socp.cli import main
+from socp.cli.commands.advising import advice
+from socp.cli.commands.solving import solve
+from socp.model.findings import Verdict
+from socp.registry import Registry
+
+x, v = states("x v")
+u = controls("u")
+FILE = """
+from socp import Problem, controls, states
+
+x, v = states("x v")
+u = controls("u")
+problem = Problem(
+    name="rest",
+    running=x**2,
+    dynamics={x: v, v: u},
+    bounds={u: (-1, 1)},
+    start={x: 1, v: 0},
+    final_time=4,
+)
+"""
+OPTIONS = {"steps": 100, "seconds": 60.0, "max_switches": 6}
+
+
+@pytest.fixture(scope="module")
+def rough() -> Solution:
+    problem = Problem(
+        name="rest",
+        running=x**2,
+        dynamics={x: v, v: u},
+        bounds={u: (-1, 1)},
+        start={x: 1, v: 0},
+        final_time=4,
+    )
+    return run(Registry.load().method("euler-ipopt")(steps=40), problem, default_guess(problem))
+
+
+def by_auto(solution: Solution, verdict: Verdict, seconds: float = 5.0) -> Solution:
+    spent = {"search": seconds}
+    return replace(solution, method="auto", options=OPTIONS, seconds=spent, verdict=verdict)
+
+
+def test_a_command_says_what_why_and_what_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("my rest.py").write_text(FILE)
+    call = ["solve", "my rest.py", "-m", "euler-ipopt", "-o", "steps=40", "--set", "final_time=5"]
+    main([*call, "--quiet"])
+    *_, what, why, following = capsys.readouterr().out.splitlines()
+    assert what.startswith("what: ")
+    assert why.startswith("why:  ")
+    assert following.startswith("next: socp solve 'my rest.py' --set final_time=5")
+    main([*call, "--quiet", "--json"])
+    assert json.loads(capsys.readouterr().out)["advice"][2] == following
+
+
+@pytest.mark.parametrize(
+    ("verdict", "seconds", "following"),
+    [
+        (Verdict(miss=1e-9, chattering=("u",)), 5.0, "--max-switches 12"),
+        (Verdict(miss=1e-9), 58.0, "--seconds 240"),
+        (Verdict(miss=0.5, miss_at="end condition x"), 5.0, "-o steps=400"),
+        (Verdict(miss=1e-9), 5.0, "-m mboc -o switches="),
+    ],
+)
+def test_what_was_found_decides_what_is_next(
+    rough: Solution, verdict: Verdict, seconds: float, following: str
+) -> None:
+    told = advice(by_auto(rough, verdict, seconds), ["rest.py"], "rest.socp.json")
+    assert len(told) == 3
+    assert following in told[2]
+    words = shlex.split(told[2].removeprefix("next: "))
+    assert words[:3] == ["socp", "solve", "rest.py"]
+    taken: dict[str, Any] = solve.make_context("solve", words[2:]).params  # it can be pasted
+    assert taken["problem"] == "rest.py"
+
+
+def test_an_answer_that_is_certified_needs_no_advice() -> None:
+    problem = Problem(
+        name="quick",
+        minimise=-x,
+        dynamics={x: u},
+        bounds={u: (-1, 1)},
+        start={x: 0},
+        final_time=1,
+    )
+    made = run(Registry.load().method("lgr-multiphase")(word="+"), problem, default_guess(problem))
+    assert made.extremal
+    assert advice(made, ["quick.py"], "quick.socp.json") == ()

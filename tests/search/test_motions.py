@@ -1,0 +1,131 @@
+"""Direct solutions by the motion of their own controls, what a search returns of them, and in what
+time.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from socp import (
+    Ipopt,
+    Problem,
+    Solution,
+    controls,
+    default_guess,
+    final_time,
+    single_phase,
+    solve_collocated,
+    states,
+    uniform,
+)
+from socp.methods import Follower
+from socp.model import Word
+from socp.process import time_limit
+from socp.search import Search, conclude, conclusion, with_agreement
+from socp.search.budget import lead
+from socp.search.motions import own_motion
+from socp.transcription import euler, radau_iia
+from socp.verdict import certified, verify
+
+x, v = states("x v")
+u = controls("u")
+
+GROWTH = Problem(
+    name="growth",
+    minimise=-x,
+    running=3 * u,
+    dynamics={x: x * (1 - u)},
+    bounds={u: (0, 1)},
+    start={x: 1},
+    final_time=2,
+)  # without control x grows to e^2
+RETURN = Problem(
+    name="return",
+    minimise=final_time,
+    dynamics={x: v, v: u},
+    bounds={u: (-1, 1)},
+    start={x: 1, v: 0.5},
+    end={x: 0, v: 0},
+)
+
+
+def direct(problem: Problem, scheme: Any, steps: int) -> Solution:
+    mesh = uniform(scheme, steps)
+    return solve_collocated(single_phase(problem), [mesh], Ipopt(), default_guess(problem))
+
+
+def along(problem: Problem, word: str) -> Solution:
+    given = Word.parse(word, problem.control_names)
+    return certified(problem, Follower()(problem, given, default_guess(problem)))
+
+
+def test_a_grid_that_misses_its_claim_is_told_by_its_own_motion() -> None:
+    """Ten Euler steps claim 1 / 0.8^10 for e^2; the control is none, and reaches e^2."""
+    coarse = direct(GROWTH, euler(), 10)
+    assert coarse.objective == pytest.approx(-(0.8**-10), rel=1e-6)
+    assert verify(GROWTH, coarse)[0].off > 0.1
+    found = own_motion(GROWTH, coarse)
+    (seen,) = found.verified
+    assert found.objective == pytest.approx(-np.exp(2), rel=1e-6)
+    assert (found.arcs[0].x[0, -1], seen.off) == pytest.approx((np.exp(2), 0.0), abs=1e-5)
+    assert seen.drift < 1e-8
+    assert "its grid claims -9.31" in found.message
+
+
+def test_a_search_returns_what_the_control_reaches() -> None:
+    coarse = direct(GROWTH, euler(), 10)
+    with time_limit(0.0):
+        found = conclude(GROWTH, Search(), [coarse])
+    assert found.verdict is not None
+    assert found.verdict.feasible
+    assert found.told == found.objective == pytest.approx(-np.exp(2), rel=1e-6)
+
+
+def test_a_fine_grid_stays_as_it_is() -> None:
+    fine = direct(GROWTH, radau_iia(2), 50)
+    found = own_motion(GROWTH, fine)
+    assert found.arcs is fine.arcs
+    assert found.objective == fine.objective
+
+
+def test_a_control_that_leaves_its_box_between_nodes_is_held_inside() -> None:
+    """Its line through two nodes is beyond the bound by half the box where it switches."""
+    grid = direct(RETURN, radau_iia(2), 25)
+    assert verify(RETURN, grid)[0].box > 0.01
+    found = own_motion(RETURN, grid)
+    (seen,) = found.verified
+    assert seen.box < 1e-6
+    assert seen.off < 0.02
+    true = 0.5 + 2 * np.sqrt(1 + 0.5**2 / 2)
+    assert found.objective == pytest.approx(true, rel=1e-2)
+
+
+def test_nothing_more_is_solved_once_the_time_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    solutions = [direct(GROWTH, euler(), 50), direct(GROWTH, euler(), 200)]
+    word = along(GROWTH, "u: -")
+    assert word.extremal
+
+    def late(*_: Any, **__: Any) -> Solution:
+        raise AssertionError("a solve after the deadline")
+
+    monkeypatch.setattr(conclusion, "solve_collocated", late)
+    monkeypatch.setattr("socp.search.digits.polished", late)
+    monkeypatch.setattr("socp.search.digits.Follower", late)
+    with time_limit(0.0):
+        found = conclude(GROWTH, Search(), solutions)
+        assert with_agreement(GROWTH, word, 9, Ipopt()) is word
+    assert found.reached == pytest.approx(-np.exp(2), rel=1e-6)
+
+
+def test_a_round_begins_with_what_the_judge_misses_in_the_best_word() -> None:
+    wrong = along(GROWTH, "u: +")
+    assert not wrong.extremal
+    search = Search(best=wrong, other=wrong)
+    lead(GROWTH, search)
+    assert search.best is not None
+    assert search.best.extremal
+    assert search.best.objective == pytest.approx(-np.exp(2), rel=1e-9)
+    idle = Search()
+    lead(GROWTH, idle)
+    assert idle.count == 0
