@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from socp.model import FEASIBLE, Arc, Problem, Solution, legendre_coefficients
+from socp.model import FEASIBLE, Arc, Problem, Solution, legendre_coefficients, once
 from socp.verdict import moved, verify
 
 
@@ -14,8 +14,13 @@ def own_motion(problem: Problem, direct: Solution) -> Solution:
     the motion and the objective of that control.
 
     A polynomial control that jumps leaves its box between its nodes: it is held at its mean on
-    every interval then, which does as much and stays inside.
+    every interval then, which does as much and stays inside. What is found is kept.
     """
+    return _own(direct, problem)
+
+
+@once
+def _own(direct: Solution, problem: Problem) -> Solution:
     seen = verify(problem, direct)[0]
     found = direct
     if seen.box > FEASIBLE and not direct.lawful:

@@ -4,6 +4,7 @@ ends, its state constraints and its box, relative to sizes.
 
 import math
 from dataclasses import replace
+from typing import TypeAlias
 
 import casadi
 import numpy as np
@@ -30,6 +31,9 @@ from socp.model import (
     time,
 )
 from socp.verdict.motion import Log, Piece, piece_of_law, pieces_in_time, travel
+
+# what was met on the way, the states and the running cost at the end, and why it broke down
+Run: TypeAlias = tuple[Log, np.ndarray, str]
 
 
 def box_miss(u: np.ndarray, box: np.ndarray) -> float:
@@ -149,25 +153,37 @@ def verify(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
 
 @once
 def _both(solution: Solution, problem: Problem) -> tuple[Feasibility, ...]:
-    as_time = [pieces_in_time(arc) for arc in solution.arcs]
-    found = [_verify(problem, solution, as_time, feedback=False)]
+    found = [measured(problem, solution, _followed(solution, problem), feedback=False)]
     if solution.lawful:
         p = parameters_of(problem, solution)
         try:
             as_feedback = [[piece_of_law(problem, arc, p)] for arc in solution.arcs]
         except MethodError:
             return tuple(found)  # the word was read off a solution of a problem without such laws
-        found.append(_verify(problem, solution, as_feedback, feedback=True))
+        found.append(
+            measured(problem, solution, _run(problem, solution, as_feedback), feedback=True)
+        )
     return tuple(found)
+
+
+@once
+def _followed(solution: Solution, problem: Problem) -> Run:
+    """Integrate the control as a function of time."""
+    return _run(problem, solution, [pieces_in_time(arc) for arc in solution.arcs])
+
+
+def _run(problem: Problem, solution: Solution, pieces: list[list[Piece]]) -> Run:
+    log = Log()
+    with np.errstate(all="ignore"):  # what overflows on the way ends as an error of the integration
+        y, error = travel(problem, solution, pieces, log)
+    return log, y, error
 
 
 def moved(problem: Problem, solution: Solution) -> Solution:
     """Return a solution with the states and the objective that its control reaches by
     re-integration in place of those that were claimed; as it is where that breaks down.
     """
-    log = Log()
-    with np.errstate(all="ignore"):
-        _, error = travel(problem, solution, [pieces_in_time(arc) for arc in solution.arcs], log)
+    log, _, error = _followed(solution, problem)
     ends = np.cumsum([arc.t.size for arc in solution.arcs])
     x = np.hstack(log.nodes)
     reached = verify(problem, solution)[0].objective
@@ -178,31 +194,17 @@ def moved(problem: Problem, solution: Solution) -> Solution:
     return replace(solution, arcs=arcs, objective=reached, verified=(), verdict=None)
 
 
-def _verify(
-    problem: Problem, solution: Solution, pieces: list[list[Piece]], *, feedback: bool
-) -> Feasibility:
-    log = Log()
-    with np.errstate(all="ignore"):  # what overflows on the way ends as an error of the integration
-        ended = travel(problem, solution, pieces, log)
-        return measured(problem, solution, log, ended, feedback=feedback)
-
-
-def measured(
-    problem: Problem,
-    solution: Solution,
-    log: Log,
-    ended: tuple[np.ndarray, str],
-    *,
-    feedback: bool,
-) -> Feasibility:
+def measured(problem: Problem, solution: Solution, run: Run, *, feedback: bool) -> Feasibility:
     """Return how far a motion misses its problem: the points of its log, and where and why it
     ended.
     """
-    (y, error), p, motion = ended, parameters_of(problem, solution), log.motion
-    scale = sizes(problem, motion[0], motion[1], p)
-    objective, gap = objective_of(problem, solution, motion, scale, float(y[-1]))
-    miss, miss_at = end_miss(problem, solution, y[:-1], scale)
-    path, path_at = path_miss(problem, p, scale, motion)
+    p, (log, y, error) = parameters_of(problem, solution), run
+    with np.errstate(all="ignore"):
+        motion, x = log.motion, y[:-1]
+        scale = sizes(problem, motion[0], motion[1], p)
+        objective, gap = objective_of(problem, solution, motion, scale, float(y[-1]))
+        miss, miss_at = end_miss(problem, solution, x, scale)
+        path, path_at = path_miss(problem, p, scale, motion)
     box = box_miss(np.hstack([motion[2], *(arc.u for arc in solution.arcs)]), problem.box)
     return Feasibility(
         miss=miss,
@@ -212,7 +214,7 @@ def measured(
         box=box,
         drift=float(np.max(log.off / scale)),
         feedback=feedback,
-        end=tuple(y[:-1].tolist()),
+        end=tuple(x.tolist()),
         error=error,
         objective=math.nan if error else objective,
         gap=gap,
