@@ -133,7 +133,8 @@ def _round(
     for start in _starts(problem, list(directs)):
         for direct in _shown(problem, start, how, watch):
             directs.append(direct)
-            refine(problem, direct, search, watch)
+            own = own_motion(problem, direct)  # states that the control does lead to, if it does
+            refine(problem, own if off(own) <= _CLAIMED else direct, search, watch)
             if search.over:
                 return
 
