@@ -29,8 +29,8 @@ from .registry import hookimpl as hookimpl
 from .registry import solve as solve
 from .solvers import Backend as Backend
 from .solvers import Ipopt as Ipopt
+from .study import follow as follow
 from .transcription import collocate as collocate
-from .transcription import follow as follow
 from .transcription import single_phase as single_phase
 from .transcription import uniform as uniform
 from .verdict import judge as judge

@@ -27,6 +27,7 @@ from .reading import read as read
 from .reading import with_hidden_bangs as with_hidden_bangs
 from .refinement import lowered as lowered
 from .refinement import refine as refine
+from .refinement import try_words as try_words
 from .rivals import outdo as outdo
 from .rounding import rounded_word as rounded_word
 from .tree.attempt import Coarse as Coarse
@@ -35,4 +36,5 @@ from .tree.branching import Branching as Branching
 from .tree.branching import Child as Child
 from .tree.softening import end_miss as end_miss
 from .tree.softening import softened_problem as softened_problem
+from .warm import continued as continued
 from .warm import warm_start as warm_start

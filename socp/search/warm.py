@@ -56,10 +56,7 @@ def _found(problem: Problem, guess: Solution, own: Search, watch: Watch) -> Solu
 
 def _neighbour(problem: Problem, guess: Solution) -> Solution | None:
     """Return what Newton makes of a guess, where that is certified."""
-    start, found = _unjudged(problem, guess), None
-    with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError, ValueError, ArithmeticError):
-        # far from home Newton may overflow on its way to nowhere
-        found = polished(problem, start, origin=_origin(problem, guess))
+    found = continued(problem, guess, _origin(problem, guess))
     if found is None or not sound(problem, found):
         return None
     shortest = SHORTEST * (found.final_time - found.initial_time)
@@ -67,6 +64,19 @@ def _neighbour(problem: Problem, guess: Solution) -> Solution | None:
         return None
     judged = certified(problem, found)
     return judged if judged.extremal else None
+
+
+def continued(problem: Problem, guess: Solution, origin: Problem) -> Solution | None:
+    """Return the solution of the conditions of a guess's word next to it, which nobody judged, or
+    None where Newton does not settle. `origin`: the problem that the guess is a solution of.
+
+    It goes on where the word holds no more: lengths of arcs may be negative then.
+    """
+    found = None
+    with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError, ValueError, ArithmeticError):
+        # far from home Newton may overflow on its way to nowhere
+        found = polished(problem, _unjudged(problem, guess), origin=origin)
+    return found
 
 
 def _unjudged(problem: Problem, guess: Solution) -> Solution:

@@ -1,3 +1,6 @@
+from .branch import Branch as Branch
+from .branch import Event as Event
+from .branch import Point as Point
 from .census import explore as explore
 from .census import recipe as recipe
 from .census import survey as survey
@@ -5,6 +8,7 @@ from .clusters import Census as Census
 from .clusters import Cluster as Cluster
 from .expectation import Unseen as Unseen
 from .expectation import unseen as unseen
+from .following import follow as follow
 from .frontier import Frontier as Frontier
 from .frontier import best_by_switches as best_by_switches
 from .frontier import distinct_rows as distinct_rows

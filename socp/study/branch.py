@@ -1,0 +1,88 @@
+"""A branch of extremals over one number of a problem: its points, and the events between them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, final
+
+from socp.model import Solution, rung_of
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A certified solution at a value of the number."""
+
+    value: float
+    solution: Solution
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Event:
+    """Where the word of a branch changes, or the branch ends.
+
+    `value` of the number, located within `error` (infinite where it was not, and lies after the
+    last point); `kind`: what happens, `where`: to what, `time`: when, nan where that is not known;
+    the words `before` and `after`, empty where nothing follows. `solution` is the limit of what
+    comes before, or after, None where that is not known.
+    """
+
+    value: float
+    error: float
+    kind: str
+    where: str
+    time: float
+    before: str
+    after: str
+    solution: Solution | None = None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """Certified solutions of a problem over one of its numbers, by `name`, in the order in which
+    they were followed, and the events on the way; `ended` says why it does not reach the last
+    value, where it does not.
+    """
+
+    problem: str
+    name: str
+    points: tuple[Point, ...]
+    events: tuple[Event, ...]
+    ended: str = ""
+    interrupted: bool = False
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """Points and events as plain values, in order: the number by its name, objective, final
+        time, word, switching times, rung of the ladder, and of events what happens, to what, when,
+        and the next word.
+        """
+        return [self._row(value, solution, event) for value, solution, event in self._merged()]
+
+    def _merged(self) -> Iterator[tuple[float, Solution | None, Event | None]]:
+        """Yield points and events in the order of the branch."""
+        down = len(self.points) > 1 and self.points[-1].value < self.points[0].value
+        sign = -1.0 if down else 1.0
+        both: list[tuple[float, Solution | None, Event | None]] = [
+            *((each.value, each.solution, None) for each in self.points),
+            *((each.value, each.solution, each) for each in self.events),
+        ]
+        yield from sorted(both, key=lambda row: (sign * row[0], row[2] is not None))
+
+    def _row(self, value: float, solution: Solution | None, event: Event | None) -> dict[str, Any]:
+        known = solution is not None
+        judged = known and event is None
+        return {
+            self.name: value,
+            "objective": solution.objective if solution is not None else float("nan"),
+            "final_time": solution.final_time if solution is not None else float("nan"),
+            "word": event.before if event else solution.word if solution else "",
+            "switches": [float(t) for t in solution.junctions] if solution is not None else [],
+            "rung": rung_of(solution.verdict).value if judged and solution is not None else "",
+            "event": event.kind if event else "",
+            "where": event.where if event else "",
+            "time": event.time if event else float("nan"),
+            "after": event.after if event else "",
+            "error": event.error if event else float("nan"),
+        }

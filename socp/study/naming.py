@@ -1,0 +1,33 @@
+"""What an event is called: by the figure that passes through zero, and from which side."""
+
+from socp.model import Solution
+from socp.study.monitors import Clue
+
+_KINDS = {  # going forth, and coming back
+    "length": ("arc vanishes", "arc appears"),
+    "switching": ("arc appears", "arc vanishes"),
+    "lower": ("law leaves its box", "law enters its box"),
+    "upper": ("law leaves its box", "law enters its box"),
+    "constraint": ("constraint touched", "constraint left"),
+    "multiplier": ("constraint left", "constraint touched"),
+    "curvature": ("minimum lost", "minimum gained"),
+}
+
+
+def named(solution: Solution, clue: Clue, *, back: bool) -> tuple[str, str]:
+    """Return what happens where a margin is zero on the way forth, or `back`, and to what."""
+    kind = clue.kind.split()[0]
+    called = _KINDS[kind][back]
+    if kind != "length":
+        return called, clue.of
+    k, arcs = clue.number, solution.arcs
+    here = arcs[k].modes
+    names = solution.control_names
+    if 0 < k < len(arcs) - 1:
+        entered = {i for i, m in enumerate(arcs[k - 1].modes) if m != here[i]}
+        left = {i for i, m in enumerate(arcs[k + 1].modes) if m != here[i]}
+        if not entered & left:
+            return "switches meet", ", ".join(names[i] for i in sorted(entered | left))
+    beside = arcs[k - 1].modes if k else arcs[1].modes if len(arcs) > 1 else here
+    changed = [i for i, mode in enumerate(here) if mode != beside[i]] or list(range(len(names)))
+    return called, ", ".join(f"{names[i]} ({here[i]})" for i in changed)
