@@ -51,6 +51,7 @@ _COMMANDS: Mapping[str, tuple[str, str]] = {
         "surveying",
         "Find the best objective for every number of switches, print a table.",
     ),
+    "follow": ("following", "Follow an extremal over one number of its problem."),
     "export": (
         "exporting",
         "Write a saved result, or a problem, in the format of another program.",

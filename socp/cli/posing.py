@@ -40,6 +40,25 @@ def load_posed(given: str, changes: Sequence[str], registry: Registry) -> "Probl
         raise MethodError(f"--set: {error}") from error
 
 
+def span_of(changes: Sequence[str]) -> tuple[str, tuple[float, float], tuple[str, ...]]:
+    """Return the number that is set to a range FROM:TO, by name, the range, and the other changes;
+    MethodError where there is not one of them.
+    """
+    spans = {name: text for name, text in told(changes).items() if ":" in text}
+    if len(spans) != 1:
+        raise MethodError(
+            f"--set NAME=FROM:TO: {len(spans)} numbers have a range; give one, such as "
+            "--set start.x=30:40"
+        )
+    ((name, text),) = spans.items()
+    try:
+        first, last = map(float, text.split(":"))
+    except ValueError:
+        raise MethodError(f"--set {short(name)}={short(text)}: give FROM:TO, two numbers") from None
+    others = tuple(f"{n}={text}" for n, text in told(changes).items() if n != name)
+    return name, (first, last), others
+
+
 def told(changes: Sequence[str]) -> dict[str, str]:
     """Return what is set, by name, as it was written; MethodError for a name given twice."""
     found: dict[str, str] = {}

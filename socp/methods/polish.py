@@ -7,12 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 from socp.model import TINY, Agreement, Problem, Solution
-from socp.transcription import Shooting, rejoin
+from socp.transcription import Shooting, follow, rejoin
 from socp.verdict import Conditions, settled, steps_of, word_problem
 
 
 def polished(
-    problem: Problem, solution: Solution, points: int = 10, origin: Problem | None = None
+    problem: Problem,
+    solution: Solution,
+    points: int = 10,
+    active: frozenset[tuple[str, float]] | None = None,
+    ahead: Solution | None = None,
 ) -> Solution | None:
     """Return a solution along a word with its conditions solved by Newton to rounding, or None
     where that fails.
@@ -23,21 +27,22 @@ def polished(
     an arc is the jump of the Hamiltonian. Its `agreement` is that of two meshes: with as many steps
     as the motion needs, and with twice as many.
 
-    `origin`: the problem that the solution is one of, where that may be another. Newton may go far
-    from it then, and the limits that are met at its ends are met.
+    `active`: the limits that are met at the ends, as `limits_met` tells, where the solution is one
+    of another problem. Newton may go far from it then. `ahead`: a prediction along the same word on
+    the same meshes, with which Newton begins.
     """
     known = word_problem(problem, solution, points)
     steps = None if known is None else steps_of(known[0], known[1])
     if known is None or steps is None:
         return None
     phased, start, pieces = known
-    active = frozenset[tuple[str, float]]()
-    if origin is not None:
-        own = Shooting(replace(phased, of=origin), start, steps).ends
-        active = frozenset((row.name, row.sign) for row in own if row.sign)
-    finer = Shooting(phased, start, 2 * steps, active=active)
-    coarse = Conditions(Shooting(phased, start, steps, active=active))
-    there = settled(coarse, far=origin is not None)
+    met = active or frozenset()
+    finer = Shooting(phased, start, 2 * steps, active=met)
+    coarse = Conditions(Shooting(phased, start, steps, active=met))
+    first = None
+    if ahead is not None and [len(a.t) for a in start.arcs] == [len(a.t) for a in ahead.arcs]:
+        first = Shooting(phased, ahead, steps).start
+    there = settled(coarse, far=active is not None, start=first)
     if there is None or there.system.open(np.eye(there.at.size)).any():
         return None
     conditions = Conditions(finer)
@@ -48,3 +53,15 @@ def polished(
         switches=float(np.abs(np.cumsum(moved[: 1 + len(phased.phases)])).max()),
     )
     return replace(rejoin(finer.lifted(there.at + moved, cost), pieces), agreement=agreement)
+
+
+def limits_met(
+    problem: Problem, solution: Solution, origin: Problem
+) -> frozenset[tuple[str, float]]:
+    """Return the limits, by name and sign, that a solution along a word meets at its ends in the
+    problem that it is one of, `origin`; a neighbouring problem has them under the same names.
+
+    Raises MethodError where a law of the word cannot be had.
+    """
+    phased = replace(follow(problem, solution.followed), of=origin)
+    return frozenset((row.name, row.sign) for row in Shooting(phased, solution, 1).ends if row.sign)

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from socp.methods import polished, sound
+from socp.errors import MethodError
+from socp.methods import limits_met, polished, sound
 from socp.model import SHORTEST, Problem, Solution, Stop, Watch, known_problem, silent
 from socp.search.effort import Ration, Search
 from socp.search.neighbours import word_of
@@ -66,16 +67,21 @@ def _neighbour(problem: Problem, guess: Solution) -> Solution | None:
     return judged if judged.extremal else None
 
 
-def continued(problem: Problem, guess: Solution, origin: Problem) -> Solution | None:
+def continued(
+    problem: Problem, guess: Solution, origin: Problem, ahead: Solution | None = None
+) -> Solution | None:
     """Return the solution of the conditions of a guess's word next to it, which nobody judged, or
-    None where Newton does not settle. `origin`: the problem that the guess is a solution of.
+    None where Newton does not settle. `origin`: the problem that the guess is a solution of;
+    `ahead`: what is predicted from the guess, with which Newton begins.
 
     It goes on where the word holds no more: lengths of arcs may be negative then.
     """
     found = None
-    with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError, ValueError, ArithmeticError):
+    failures = np.linalg.LinAlgError, ValueError, ArithmeticError, MethodError
+    with np.errstate(all="ignore"), suppress(*failures):
         # far from home Newton may overflow on its way to nowhere
-        found = polished(problem, _unjudged(problem, guess), origin=origin)
+        active = limits_met(problem, guess, origin)
+        found = polished(problem, _unjudged(problem, guess), active=active, ahead=ahead)
     return found
 
 

@@ -54,9 +54,10 @@ class Branch:
 
     @property
     def rows(self) -> list[dict[str, Any]]:
-        """Points and events as plain values, in order: the number by its name, objective, final
+        """Points and events as plain values, in order: the `value` of the number, objective, final
         time, word, switching times, rung of the ladder, and of events what happens, to what, when,
-        and the next word.
+        the next word, and within what the value is located; texts are empty and numbers nan where
+        there are none.
         """
         return [self._row(value, solution, event) for value, solution, event in self._merged()]
 
@@ -74,7 +75,7 @@ class Branch:
         known = solution is not None
         judged = known and event is None
         return {
-            self.name: value,
+            "value": value,
             "objective": solution.objective if solution is not None else float("nan"),
             "final_time": solution.final_time if solution is not None else float("nan"),
             "word": event.before if event else solution.word if solution else "",

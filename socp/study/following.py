@@ -16,7 +16,17 @@ from scipy.optimize import brentq
 
 from socp.errors import MethodError, SolveError
 from socp.model import Arc, Problem, Progress, Solution, Watch, silent
-from socp.search import Search, continued, mends, try_words, warm_start, word_of
+from socp.process import breakable
+from socp.search import (
+    Candidate,
+    Search,
+    continued,
+    mends,
+    try_words,
+    warm_start,
+    without_arc,
+    word_of,
+)
 from socp.study.branch import Branch, Event, Point
 from socp.study.census import explore
 from socp.study.monitors import Clue, Margins, lengths, margins
@@ -25,7 +35,8 @@ from socp.verdict import certified, learn, with_second_order
 
 _STARTS = 3  # of a census, for the first solution
 _STEPS = 20  # points that a branch has at least: enough to draw it
-_SMALLEST = 1e-6  # of the span: what takes shorter steps than this does not go on
+# Of the span: what takes shorter steps than this does not go on; events are solved for instead
+_SMALLEST = 1e-3
 _PREDICTED = 0.01  # of the horizon: how far a prediction may be off, by which steps are chosen
 _GROWN, _CUT = 2.0, 0.25  # times the last step, at most and at least
 _KEPT = 0.2  # of its length: what a prediction leaves of an arc
@@ -97,12 +108,14 @@ class Walk:
         if self.watch(Progress(stage, len(self.points), best, 0.0, word=word)):
             raise KeyboardInterrupt
 
-    def tried(self, value: float, guess: Solution, origin: float) -> Trial | None:
-        """Solve along the word of a guess, a solution at the value `origin` or its prediction."""
+    def tried(
+        self, value: float, near: Point | Trial, ahead: Solution | None = None
+    ) -> Trial | None:
+        """Solve along the word of a solution near by, from what is predicted where it is."""
         problem = self.at(value)
-        self.tell(value, guess.word)
-        learn(problem, guess)
-        found = continued(problem, guess, self.at(origin))
+        self.tell(value, near.solution.word)
+        learn(problem, near.solution)
+        found = continued(problem, near.solution, self.at(near.value), ahead)
         if found is None:
             return None
         if min(each.value for each in lengths(found).values()) <= 0.0:
@@ -135,10 +148,11 @@ def follow(
     walk = Walk(problem, name, span, watch)
     first, _ = walk.at(span[0]), walk.at(span[1])
     ended, interrupted = "", False
+    start = _first(first, guess, watch)
+    walk.points.append(Point(span[0], with_second_order(first, start)))
     try:
-        start = _first(first, guess, watch)
-        walk.points.append(Point(span[0], with_second_order(first, start)))
-        ended = _walked(walk, steps)
+        with breakable():
+            ended = _walked(walk, steps)
     except KeyboardInterrupt:
         interrupted = True
     return Branch(problem.name, name, tuple(walk.points), tuple(walk.events), ended, interrupted)
@@ -179,21 +193,25 @@ def _walked(walk: Walk, steps: int) -> str:
         value = now.value + step
         if (walk.span[1] - value) / walk.width <= _SMALLEST:
             value = walk.span[1]
+        near = _vanishing(walk, before, now, value)
+        if near is not None and _changed(walk, Trial(now.value, now.solution, known), value, near):
+            before, now = None, walk.points[-1]
+            known = margins(walk.at(now.value), now.solution)
+            continue
         guess = predicted(before, now, value)
-        trial = walk.tried(value, guess, now.value)
+        trial = walk.tried(value, now, guess)
         if trial is not None and trial.holds and not _passed(known, trial.margins):
-            if before is not None:
+            if guess is not None:
                 grown = np.sqrt(_PREDICTED / _apart(guess, trial.solution))
                 step = (value - now.value) * float(np.clip(grown, _CUT, _GROWN))
                 step = step if abs(step) < abs(longest) else longest
             before, known = now, trial.margins
             walk.points.append(Point(value, trial.solution))
             continue
-        near = _vanishing(before, now, value)
-        if trial is None and near is None and abs(step) > _CUT**2 * abs(longest):
+        if trial is None and abs(step) > _CUT**2 * abs(longest):
             step *= _CUT
             continue
-        if not _changed(walk, Trial(now.value, now.solution, known), (value, trial), near):
+        if not _changed(walk, Trial(now.value, now.solution, known), value, trial):
             if abs(step) > _SMALLEST * abs(walk.width):
                 step *= _CUT
                 continue
@@ -203,38 +221,41 @@ def _walked(walk: Walk, steps: int) -> str:
     return ""
 
 
-def predicted(before: Point | None, now: Point, value: float) -> Solution:
+def predicted(before: Point | None, now: Point, value: float) -> Solution | None:
     """Return the solution that the last two predict at a value, on a straight line through them;
-    the last one where it is alone on its word. No arc loses all of its length.
+    None where the last one is alone on its word. No arc loses all of its length.
     """
     here = now.solution
     if before is None or not _alike(before.solution, here):
-        return here
+        return None
     there = before.solution
     ratio = (value - now.value) / (now.value - before.value)
     for old, new in zip(there.arcs, here.arcs, strict=True):
         length, change = np.ptp(new.t), np.ptp(new.t) - np.ptp(old.t)
         if ratio * change < (_KEPT - 1.0) * length:
             ratio = (_KEPT - 1.0) * length / change
-    arcs = tuple(
-        replace(new, **{key: _line(old, new, key, ratio) for key in ("t", "x", "u", "costate")})
-        for old, new in zip(there.arcs, here.arcs, strict=True)
-    )
+    arcs = tuple(_line(a, b, ratio) for a, b in zip(there.arcs, here.arcs, strict=True))
     p = {k: v + ratio * (v - there.parameters[k]) for k, v in here.parameters.items()}
     return replace(here, arcs=arcs, parameters=p)
 
 
-def _vanishing(before: Point | None, now: Point, value: float) -> float | None:
-    """Return where, up to a value, the last two solutions let an arc lose its length, if they
-    do.
+def _vanishing(
+    walk: Walk, before: Point | None, now: Point, value: float
+) -> tuple[float, Candidate] | None:
+    """Return where, up to a value, the last two solutions let an arc lose its length, if they do,
+    and the word without it. Newton knows little there: the length may be degenerate.
     """
     if before is None or not _alike(before.solution, now.solution):
         return None
     there, here = (np.array([np.ptp(a.t) for a in e.solution.arcs]) for e in (before, now))
-    share = here / np.maximum(there - here, _ZERO * here.sum())  # of the last step, until it is zero
-    ratio = float(share[there > here].min(initial=np.inf))
-    near = now.value + ratio * (now.value - before.value)
-    return near if abs(near - now.value) < abs(value - now.value) else None
+    share = here / np.maximum(there - here, _ZERO * here.sum())  # of the last step
+    share[there <= here] = np.inf
+    k = int(np.argmin(share))
+    near = now.value + share[k] * (now.value - before.value)
+    room = abs(value - now.value) + _EVENT * abs(walk.width)
+    if here.size < 2 or not abs(near - now.value) <= room:
+        return None
+    return float(near), without_arc(word_of(now.solution), k)
 
 
 def _alike(one: Solution, other: Solution) -> bool:
@@ -244,9 +265,12 @@ def _alike(one: Solution, other: Solution) -> bool:
     )
 
 
-def _line(old: Arc, new: Arc, key: str, ratio: float) -> np.ndarray:
-    here: np.ndarray = getattr(new, key)
-    return here + ratio * (here - getattr(old, key))
+def _line(old: Arc, new: Arc, ratio: float) -> Arc:
+    t, x, u, costate = (
+        b + ratio * (b - a)
+        for a, b in ((old.t, new.t), (old.x, new.x), (old.u, new.u), (old.costate, new.costate))
+    )
+    return replace(new, t=t, x=x, u=u, costate=costate)
 
 
 def _apart(one: Solution, other: Solution) -> float:
@@ -271,16 +295,19 @@ def _passed(before: Margins, now: Margins) -> bool:
 
 
 def _changed(
-    walk: Walk, inside: Trial, outside: tuple[float, Trial | None], near: float | None
+    walk: Walk, inside: Trial, value: float, outside: Trial | tuple[float, Candidate] | None
 ) -> bool:
     """Go through the change of word between the last point and a value at which its word does not
-    hold, near a value where that is known; returns whether there is another word to go on with.
+    hold; returns whether there is another word to go on with. `outside`: what Newton makes of the
+    word there, or where it is expected to end, with the next one.
     """
-    value, trial = outside
+    near = outside if isinstance(outside, tuple) else None
+    trial = outside if isinstance(outside, Trial) else None
     found = None if trial is None else _located(walk, inside, trial)
-    there = found.trial.value if found else inside.value if near is None else near
+    there = found.trial.value if found else inside.value if near is None else near[0]
     for place in _beyond(walk, there, value):
-        other = _mended(walk, place, found.trial if found else inside, trial)
+        known = [each for each in (found.trial if found else inside, trial) if each is not None]
+        other = _mended(walk, place, known, [] if near is None else [near[1]])
         if other is None:
             continue
         if other.followed != inside.solution.followed:
@@ -330,7 +357,7 @@ def _zero(walk: Walk, clue: Clue, inside: Trial, outside: Trial) -> Trial | None
         if value not in known:
             whole = [each for each in known.values() if _whole(each.solution)]
             near = min(whole, key=lambda each: abs(each.value - value))
-            found = walk.tried(value, near.solution, near.value)
+            found = walk.tried(value, near)
             if found is None or clue not in found.margins:
                 raise ArithmeticError
             known[value] = found
@@ -350,22 +377,26 @@ def _whole(solution: Solution) -> bool:
     return min(each.value for each in lengths(solution).values()) > _ZERO
 
 
-def _mended(walk: Walk, value: float, inside: Trial, outside: Trial | None) -> Solution | None:
-    """Return a certified solution at a value along a word that mends what is amiss at a trial."""
+def _mended(
+    walk: Walk, value: float, trials: list[Trial], expected: list[Candidate]
+) -> Solution | None:
+    """Return a certified solution at a value along a word that is expected, or that mends what is
+    amiss at trials.
+    """
     problem = walk.at(value)
     walk.tell(value, "")
-    learn(problem, inside.solution)
-    starts = [each.solution for each in (inside, outside) if each is not None]
-    batches = _batches(problem, starts)
+    learn(problem, trials[0].solution)
+    batches = _batches(problem, [each.solution for each in trials], expected)
     found = try_words(problem, batches, Search(), silent, _WORDS)
     return None if found is None or not found.extremal else with_second_order(problem, found)
 
 
-def _batches(problem: Problem, starts: list[Solution]) -> Iterator[list]:  # type: ignore[type-arg]
+def _batches(
+    problem: Problem, starts: list[Solution], expected: list[Candidate]
+) -> Iterator[list[Candidate]]:
+    yield expected
     for start in starts:
-        words = list(mends(problem, word_of(start), start))
-        if words:
-            yield words
+        yield list(mends(problem, word_of(start), start))
     yield [word_of(starts[0])]
 
 
@@ -379,14 +410,14 @@ def _event(walk: Walk, inside: Trial, forth: Zero | None, beyond: Point) -> Even
     back = None
     if forth is None or forth.clue.kind == "length":
         known = margins(walk.at(beyond.value), beyond.solution)
-        home = walk.tried(inside.value, beyond.solution, beyond.value)
+        home = walk.tried(inside.value, beyond)
         other = Trial(beyond.value, beyond.solution, known)
         back = None if home is None else _located(walk, other, home)
     there = back or forth
     if there is None:
         return None
     side = inside if back else beyond
-    met = walk.tried(there.trial.value, side.solution, side.value)
+    met = walk.tried(there.trial.value, side)
     if met is not None and not _meet(met.solution, there.trial.solution):
         return None
     return _named(walk, there, forth, inside.solution.word, beyond.solution.word)

@@ -81,6 +81,10 @@ def margins(problem: Problem, solution: Solution) -> Margins:
     return found
 
 
+def _scaled(f: Along, factor: float) -> Along:
+    return lambda arc, t: factor * f(arc, t)
+
+
 @once
 def _sigma(problem: Problem) -> casadi.Function:
     given = [problem.x, problem.costate, time, problem.p]
@@ -116,9 +120,7 @@ def _switching(problem: Problem, solution: Solution) -> Iterator[tuple[Clue, Mar
                 continue
             sign = (1.0 if mode == "-" else -1.0) / size
             ends = _open(solution, arcs)
-            yield from _clues(
-                "switching", name, number, arcs, lambda a, t, f=sigma, s=sign: s * f(a, t), ends
-            )
+            yield from _clues("switching", name, number, arcs, _scaled(sigma, sign), ends)
             if number and runs[number - 1][0] in {"+", "-"}:
                 yield (
                     Clue("switching slope", name, number),
@@ -126,9 +128,7 @@ def _switching(problem: Problem, solution: Solution) -> Iterator[tuple[Clue, Mar
                 )
 
 
-def _crossing(
-    problem: Problem, solution: Solution, arc: Arc, control: int, scale: float
-) -> Margin:
+def _crossing(problem: Problem, solution: Solution, arc: Arc, control: int, scale: float) -> Margin:
     """Return how fast a switching function leaves zero where a bang follows a bang, in its size
     over horizons: it turns round where another arc comes in between.
     """
@@ -182,7 +182,7 @@ def _constraints(problem: Problem, solution: Solution) -> Iterator[tuple[Clue, M
                 constraint.name,
                 number,
                 arcs,
-                lambda a, t, f=slack, s=size: f(a, t) / s,
+                _scaled(slack, 1.0 / size),
                 _open(solution, arcs),
             )
 

@@ -28,6 +28,6 @@ def named(solution: Solution, clue: Clue, *, back: bool) -> tuple[str, str]:
         left = {i for i, m in enumerate(arcs[k + 1].modes) if m != here[i]}
         if not entered & left:
             return "switches meet", ", ".join(names[i] for i in sorted(entered | left))
-    beside = arcs[k - 1].modes if k else arcs[1].modes if len(arcs) > 1 else here
+    beside = arcs[k - 1].modes if k else arcs[min(1, len(arcs) - 1)].modes
     changed = [i for i, mode in enumerate(here) if mode != beside[i]] or list(range(len(names)))
-    return called, ", ".join(f"{names[i]} ({here[i]})" for i in changed)
+    return called, ", ".join(names[i] for i in changed)

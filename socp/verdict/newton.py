@@ -195,11 +195,15 @@ class Settled:
     system: System
 
 
-def settled(conditions: Conditions, *, far: bool = False) -> Settled | None:
+def settled(
+    conditions: Conditions, *, far: bool = False, start: np.ndarray | None = None
+) -> Settled | None:
     """Solve the first-order conditions; None where Newton does not settle, or not nearby unless it
-    may go `far`, or where a limit would rather be left.
+    may go `far`, or where a limit would rather be left. It begins with the solution's own variables
+    unless others (n,) are given.
     """
-    start, signs, size = conditions.shooting.start, conditions.shooting.signs, conditions.size
+    start = conditions.shooting.start if start is None else start
+    signs, size = conditions.shooting.signs, conditions.size
     at, held = start, conditions.multipliers(start)
     for _ in range(_FAR if far else _NEWTON):
         system = conditions.system(at, held)

@@ -5,6 +5,7 @@ from .exports import derivatives_to_xarray as derivatives_to_xarray
 from .exports import table as table
 from .exports import to_frame as to_frame
 from .exports import to_xarray as to_xarray
+from .figures.branches import draw_branch as draw_branch
 from .figures.draw import DEFAULT as DEFAULT
 from .figures.draw import ENDINGS as ENDINGS
 from .figures.draw import check as check
@@ -51,3 +52,5 @@ from .report import verdict_rows as verdict_rows
 from .statement import formula as formula
 from .statement import notes as notes
 from .statement import statement_rows as statement_rows
+from .tables import rows_from_parquet as rows_from_parquet
+from .tables import rows_to_parquet as rows_to_parquet

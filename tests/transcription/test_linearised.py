@@ -4,8 +4,9 @@ import casadi
 import numpy as np
 import pytest
 
-from socp import Problem, Word, controls, default_guess, follow, parameters, states, time
+from socp import Problem, Word, controls, default_guess, parameters, states, time
 from socp.methods.guess import split
+from socp.transcription import follow
 from socp.transcription.linearised import Linearised
 from socp.transcription.motion import motion_of
 from socp.transcription.shooting import Shooting

@@ -132,7 +132,7 @@ def stem(source: str) -> str:
     endings.
     """
     name = Path(source).name
-    for ending in (".socp.json", ".json", ".py"):
+    for ending in (".socp.json", ".json", ".py", ".parquet"):
         name = name.removesuffix(ending)
     return name
 

@@ -50,7 +50,8 @@ class Asked:
 @click.pass_obj
 def plot(session: Session, /, **given: Any) -> int:
     """Draw a figure of saved results: controls with their arcs, switching functions, states,
-    costates and the path.
+    costates and the path; of the table of 'socp follow', objective and switching times over its
+    number.
 
     Of several results the others are drawn beside the first, in the same panels.
 
@@ -59,7 +60,7 @@ def plot(session: Session, /, **given: Any) -> int:
     inches they stand in one column.
     """
     from socp.process import write_atomic
-    from socp.view import DEFAULT, ENDINGS, check, draw, to_bytes
+    from socp.view import DEFAULT, ENDINGS, check, draw, draw_branch, rows_from_parquet, to_bytes
 
     asked = Asked(**given)
     if math.isnan(asked.width):
@@ -72,6 +73,12 @@ def plot(session: Session, /, **given: Any) -> int:
     panels = asked.panels.replace(" ", "").split(",") if asked.panels else DEFAULT
     check(panels)
     first, *others = asked.results
+    if first.endswith(".parquet"):
+        rows, facts = rows_from_parquet(Path(first))
+        figure = draw_branch(rows, facts, width=asked.width)
+        write_atomic(path, to_bytes(figure, ending))
+        session.tell(path)
+        return Exit.SOLVED
     solution, problem = open_result(session, first, asked.problem)
     if problem is None:
         session.note(f"no bounds and no scene: {problem_missing(solution)}")
