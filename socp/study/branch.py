@@ -80,7 +80,7 @@ class Branch:
             "final_time": solution.final_time if solution is not None else float("nan"),
             "word": event.before if event else solution.word if solution else "",
             "switches": [float(t) for t in solution.junctions] if solution is not None else [],
-            "rung": rung_of(solution.verdict).value if judged and solution is not None else "",
+            "rung": rung_of(solution).value if judged and solution is not None else "",
             "event": event.kind if event else "",
             "where": event.where if event else "",
             "time": event.time if event else float("nan"),

@@ -536,6 +536,30 @@ def test_what_was_set_is_told(socp: Command) -> None:
     assert said["set"] == {"start.x": "2", "final_time": "3"}
 
 
+def test_follow_writes_a_table_that_plot_draws(socp: Command) -> None:
+    far = ("--set", "end.x=1:1.1", "--steps", "1", "--quiet", "--json")
+    said = socp("follow", "double_integrator_time", *far, "--out", "d.parquet")
+    assert said.code == 0
+    rows = json.loads(said.out)["rows"]
+    assert [row["value"] for row in rows] == [1.0, 1.1]
+    assert socp("plot", "d.parquet").out == "d.svg\n"
+    assert Path("d.svg").read_text().startswith("<?xml")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("start.x=2", "--set NAME=FROM:TO: 0 numbers have a range; give one, such as"),
+        ("start.x=2:b", "--set start.x=2:b: give FROM:TO, two numbers"),
+        ("start.x=2:3:4", "--set start.x=2:3:4: give FROM:TO, two numbers"),
+    ],
+)
+def test_what_cannot_be_followed_is_named(socp: Command, change: str, said: str) -> None:
+    found = socp("follow", "double_integrator_time", "--set", change)
+    assert (found.code, found.out) == (2, "")
+    assert found.err.startswith(f"error: {said}")
+
+
 def test_a_number_is_set_once(socp: Command) -> None:
     said = socp("solve", "double_integrator_time", "--set", "start.x=2", "--set", "start.x=3")
     assert (said.code, said.err) == (2, "error: --set start.x is given twice\n")

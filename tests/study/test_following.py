@@ -23,7 +23,7 @@ from socp.model import (
 )
 from socp.registry import solve
 from socp.study import Branch, Point, follow
-from socp.study.following import predicted
+from socp.study.walk import predicted
 
 x, v = states("x v")
 u = controls("u")

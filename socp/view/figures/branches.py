@@ -63,12 +63,21 @@ def _pieces(rows: Rows) -> Iterator[list[Mapping[str, Any]]]:
 
 
 def _drawn(above: Any, below: Any, piece: Rows, colour: str) -> None:
-    """Draw objective and switching times of one word; an event's times are those of its limit,
-    which may be fewer.
-    """
+    """Draw objective and switching times of one word."""
     look = {"color": colour, "linewidth": style.LINE}
-    above.plot([row["value"] for row in piece], [row["objective"] for row in piece], **look)
-    most = max(len(row["switches"]) for row in piece)
-    whole = [row for row in piece if len(row["switches"]) == most]
-    for k in range(most):
-        below.plot([row["value"] for row in whole], [row["switches"][k] for row in whole], **look)
+    values = [row["value"] for row in piece]
+    above.plot(values, [row["objective"] for row in piece], **look)
+    count = max(len(row["switches"]) for row in piece if not row["event"])
+    times = [_times(row, count) for row in piece]
+    for k in range(count):
+        below.plot(values, [each[k] for each in times], **look)
+
+
+def _times(row: Mapping[str, Any], count: int) -> list[float]:
+    """Return so many switching times of a row: an arc that comes or goes at an event begins and
+    ends at its time.
+    """
+    found: list[float] = sorted(row["switches"])
+    while len(found) > count:
+        found.remove(min(found, key=lambda t: abs(t - row["time"])))
+    return sorted([*found, *[row["time"]] * (count - len(found))])

@@ -1,0 +1,185 @@
+"""Events of a branch: where the margins of its word pass through zero, and the word beyond."""
+
+from collections.abc import Iterator
+from contextlib import suppress
+
+import numpy as np
+from scipy.optimize import brentq
+
+from socp.model import Problem, Solution, silent
+from socp.search import Candidate, Search, mends, try_words, word_of
+from socp.study.branch import Event, Point
+from socp.study.monitors import Clue, Margins, lengths, margins
+from socp.study.naming import named
+from socp.study.walk import EVENT, SMALLEST, STEPS, ZERO, Trial, Walk, Zero
+from socp.verdict import learn, with_second_order
+
+_CLEAR = 1e-7  # of its size: one that is further on the wrong side has passed through zero
+_LOCATED = 1e-12  # of the span: where a zero of a figure is sought no closer
+_BEYOND = (0.25, 0.05, 1.0)  # of the step left: where the word beyond an event is tried
+_WORDS = 12  # words tried there
+_SAME = 1e-6  # relative: by how much the objectives of two words may differ where they meet
+
+
+def passed(before: Margins, now: Margins) -> bool:
+    """Tell whether a margin has passed through zero: the judge allows what is worth less than its
+    tolerance.
+    """
+    return any(
+        now[clue].value < -_CLEAR and each.value >= -ZERO
+        for clue, each in before.items()
+        if clue in now
+    )
+
+
+def changed(
+    walk: Walk, inside: Trial, value: float, outside: Trial | tuple[float, Candidate] | None
+) -> bool:
+    """Go through the change of word between the last point and a value at which its word does not
+    hold; returns whether there is another word to go on with. `outside`: what Newton makes of the
+    word there, or where it is expected to end, with the next one.
+    """
+    near = outside if isinstance(outside, tuple) else None
+    trial = outside if isinstance(outside, Trial) else None
+    found = None if trial is None else _located(walk, inside, trial)
+    there = found.trial.value if found else inside.value if near is None else near[0]
+    for place in _beyond(walk, there, value):
+        known = [each for each in (found.trial if found else inside, trial) if each is not None]
+        other = _mended(walk, place, known, [] if near is None else [near[1]])
+        if other is None:
+            continue
+        if other.followed != inside.solution.followed:
+            event = _event(walk, inside, found, Point(place, other))
+            if event is None:
+                continue
+            walk.events.append(event)
+        walk.points.append(Point(place, other))
+        return True
+    if found is not None:
+        walk.events.append(_named(walk, found, found, inside.solution.word, ""))
+    return False
+
+
+def _beyond(walk: Walk, there: float, value: float) -> list[float]:
+    """Return where the word beyond an event is tried, on the way to a value."""
+    if abs(walk.span[1] - there) <= EVENT * abs(walk.width):
+        return [walk.span[1]]
+    left = value - there
+    if abs(left) <= SMALLEST * abs(walk.width):
+        left = walk.width / STEPS
+    return [float(np.clip(there + s * left, min(walk.span), max(walk.span))) for s in _BEYOND]
+
+
+def _located(walk: Walk, inside: Trial, outside: Trial) -> Zero | None:
+    """Return the first zero of a margin on the way from one trial to another; None where no margin
+    passes through zero.
+    """
+    zeros = []
+    for clue in list(inside.margins):
+        a, b = inside.margins[clue], outside.margins.get(clue)
+        if b is None or a.value < -ZERO or b.value > (ZERO if a.value > ZERO else -_CLEAR):
+            continue
+        if a.value <= ZERO:
+            zeros.append(Zero(inside, clue))
+        else:
+            there = _zero(walk, clue, inside, outside)
+            zeros += [] if there is None else [Zero(there, clue)]
+    return min(zeros, key=lambda each: abs(each.trial.value - inside.value), default=None)
+
+
+def _zero(walk: Walk, clue: Clue, inside: Trial, outside: Trial) -> Trial | None:
+    """Solve for the value at which a margin is zero, each time by Newton from inside."""
+    known = {inside.value: inside, outside.value: outside}
+
+    def height(value: float) -> float:
+        if value not in known:
+            whole = [each for each in known.values() if _whole(each.solution)]
+            near = min(whole, key=lambda each: abs(each.value - value))
+            found = walk.tried(value, near)
+            if found is None or clue not in found.margins:
+                raise ArithmeticError
+            known[value] = found
+        return known[value].margins[clue].value
+
+    if outside.margins[clue].value >= -ZERO:  # it is zero there
+        return outside
+    with suppress(ArithmeticError, RuntimeError):
+        xtol = _LOCATED * abs(walk.width)
+        root = brentq(height, inside.value, outside.value, xtol=xtol, maxiter=40)
+        height(root)
+        return known[root]
+    return None
+
+
+def _whole(solution: Solution) -> bool:
+    return min(each.value for each in lengths(solution).values()) > ZERO
+
+
+def _mended(
+    walk: Walk, value: float, trials: list[Trial], expected: list[Candidate]
+) -> Solution | None:
+    """Return a certified solution at a value along a word that is expected, or that mends what is
+    amiss at trials.
+    """
+    problem = walk.at(value)
+    walk.tell(value, "")
+    learn(problem, trials[0].solution)
+    batches = _batches(problem, [each.solution for each in trials], expected)
+    found = try_words(problem, batches, Search(), silent, _WORDS)
+    return None if found is None or not found.extremal else with_second_order(problem, found)
+
+
+def _batches(
+    problem: Problem, starts: list[Solution], expected: list[Candidate]
+) -> Iterator[list[Candidate]]:
+    yield expected
+    for start in starts:
+        yield list(mends(problem, word_of(start), start))
+    yield [word_of(starts[0])]
+
+
+def _event(walk: Walk, inside: Trial, forth: Zero | None, beyond: Point) -> Event | None:
+    """Return the event between a point and one beyond, None where the two are not of one branch.
+
+    Where an arc loses its length the conditions of its word may be degenerate, and where it is one
+    inside another there are none beyond. The word without it knows no such thing: the zero is
+    sought on the way back along that.
+    """
+    back = None
+    if forth is None or forth.clue.kind == "length":
+        known = margins(walk.at(beyond.value), beyond.solution)
+        home = walk.tried(inside.value, beyond)
+        other = Trial(beyond.value, beyond.solution, known)
+        back = None if home is None else _located(walk, other, home)
+    there = back or forth
+    if there is None:
+        return None
+    side = inside if back else beyond
+    met = walk.tried(there.trial.value, side)
+    if met is not None and not _meet(met.solution, there.trial.solution):
+        return None
+    return _named(walk, there, forth, inside.solution.word, beyond.solution.word)
+
+
+def _meet(one: Solution, other: Solution) -> bool:
+    """Tell whether two solutions of one problem are one and the same."""
+    size = max(abs(one.objective), abs(other.objective))
+    return abs(one.objective - other.objective) <= _SAME * size
+
+
+def _named(walk: Walk, there: Zero, forth: Zero | None, before: str, after: str) -> Event:
+    """Return the event at a zero of a margin, called by the zero that was met on the way forth,
+    where one was.
+    """
+    called = forth or there
+    kind, where = named(called.trial.solution, called.clue, back=forth is None)
+    return Event(
+        value=there.trial.value,
+        error=_LOCATED * abs(walk.width),
+        kind=kind,
+        where=where,
+        time=there.trial.margins[there.clue].time,
+        before=before,
+        after=after,
+        solution=there.trial.solution,
+    )
