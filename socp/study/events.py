@@ -55,8 +55,7 @@ def changed(
             walk.events.append(event)
         walk.points.append(Point(place, other))
         return True
-    if found is not None:
-        walk.events.append(_named(walk, found, found, inside.solution.word, ""))
+    walk.last = found and _named(walk, found, found, inside.solution.word, "")
     return False
 
 

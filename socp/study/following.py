@@ -124,8 +124,11 @@ def _walked(walk: Walk, steps: int) -> str:
 
 
 def _lost(walk: Walk) -> str:
-    """Say where a branch ends that cannot be followed any more."""
+    """Say where a branch ends that cannot be followed any more, with the event at which it does."""
     now = walk.points[-1]
+    if walk.last is not None:
+        walk.events.append(walk.last)
+        return f"{walk.name} = {walk.last.value:.12g}: no word was found beyond this event"
     return (
         f"{walk.name} = {now.value:.12g}: nothing certified goes on from here; the branch ends, or "
         "folds back"

@@ -50,7 +50,9 @@ class Zero:
 @final
 @dataclass(eq=False)
 class Walk:
-    """A branch as it is being followed: what is known of it, and how to go on."""
+    """A branch as it is being followed: what is known of it, and how to go on; `last` is the event
+    beyond which no word was found.
+    """
 
     problem: Problem
     name: str
@@ -59,6 +61,7 @@ class Walk:
     points: list[Point] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     problems: dict[float, Problem] = field(default_factory=dict)
+    last: Event | None = None
 
     @property
     def width(self) -> float:

@@ -62,6 +62,12 @@ def limited() -> Solution:
     return solve(REST.with_({"bounds.v.upper": 3}), method="lgr-multiphase", word="+ b[v.upper] -")
 
 
+@pytest.fixture(scope="module")
+def shortened(along: Solution) -> Branch:
+    """Return the pond as time gets short, from 2 to 1."""
+    return follow(POND, {"final_time": (2, 1)}, along, steps=4)
+
+
 def whole(found: Branch, last: float, words: list[str]) -> None:
     """Check that a branch ends at a value, with these words, all points certified."""
     assert (found.ended, found.interrupted, found.points[-1].value) == ("", False, last)
@@ -71,8 +77,8 @@ def whole(found: Branch, last: float, words: list[str]) -> None:
     assert [(each.before, each.after) for each in found.events] == list(pairwise(words))
 
 
-def test_a_singular_arc_vanishes_as_time_gets_short(along: Solution) -> None:
-    found = follow(POND, {"final_time": (2, 1)}, along, steps=4)
+def test_a_singular_arc_vanishes_as_time_gets_short(shortened: Branch) -> None:
+    found = shortened
     whole(found, 1.0, ["u: - s +", "u: - +"])
     (event,) = found.events
     assert (event.kind, event.where) == ("arc vanishes", "u")
@@ -85,6 +91,7 @@ def test_a_singular_arc_vanishes_as_time_gets_short(along: Solution) -> None:
         )
 
 
+@pytest.mark.slow
 def test_a_singular_arc_appears_as_time_gets_long(along: Solution) -> None:
     """Past the end of its word the judge still certifies it within his tolerance: margins tell."""
     short = follow(POND, {"final_time": (2, 1.25)}, along, steps=2).points[-1].solution
@@ -95,6 +102,7 @@ def test_a_singular_arc_appears_as_time_gets_long(along: Solution) -> None:
     assert event.value == pytest.approx(1.5, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_a_constant_is_followed_through_an_event(along: Solution) -> None:
     """The level is out of reach in T = 2 where it is at 0."""
     found = follow(POND.with_(final_time=2), {"level": (0.25, -0.25)}, along, steps=3)
@@ -102,12 +110,14 @@ def test_a_constant_is_followed_through_an_event(along: Solution) -> None:
     assert found.events[0].value == pytest.approx(0.0, abs=0.5e-8)
 
 
+@pytest.mark.slow
 def test_an_event_at_the_last_value_is_one(along: Solution) -> None:
     found = follow(POND, {"final_time": (2, 1.5)}, along, steps=2)
     whole(found, 1.5, ["u: - s +", "u: - +"])
     assert found.events[0].value == pytest.approx(1.5, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_a_limit_is_touched_at_the_free_peak() -> None:
     free = solve(REST, method="lgr-multiphase", word="+ -")
     found = follow(REST, {"bounds.v.upper": (4, 2.5)}, free, steps=3)
@@ -120,6 +130,7 @@ def test_a_limit_is_touched_at_the_free_peak() -> None:
     assert last.objective == pytest.approx(10 / 2.5 + 2.5, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_a_boundary_arc_vanishes_at_the_free_peak(limited: Solution) -> None:
     found = follow(REST, {"bounds.v.upper": (3, 4)}, limited, steps=3)
     whole(found, 4.0, ["u: + b[v.upper] -", "u: + -"])
@@ -128,40 +139,44 @@ def test_a_boundary_arc_vanishes_at_the_free_peak(limited: Solution) -> None:
     assert event.value == pytest.approx(np.sqrt(10), abs=1e-8)
 
 
+@pytest.mark.slow
 def test_a_law_leaves_its_box() -> None:
     """X' = u, integral of (x - rate (1 - cos t))^2 in 2.5: the law is rate sin t, which the box
     holds up to 1, and which is at its height at pi / 2.
     """
     wave = Problem(
         name="wave",
-        running=(x - rate * (1 - cos(time))) ** 2,
+        running=1 + (x - rate * (1 - cos(time))) ** 2,
         dynamics={x: u},
         bounds={u: (-1, 1)},
         start={x: 0},
         final_time=2.5,
     )
     slow = solve(wave.with_(rate=0.8), method="lgr-multiphase", word="s")
-    found = follow(wave, {"rate": (0.8, 1.2)}, slow, steps=2)
-    whole(found, 1.2, ["u: s", "u: s + s"])
+    found = follow(wave, {"rate": (0.8, 1.05)}, slow, steps=1)
+    whole(found, 1.05, ["u: s", "u: s + s"])
     (event,) = found.events
     assert (event.kind, event.where) == ("law leaves its box", "u")
     assert event.value == pytest.approx(1.0, abs=1e-8)
     assert event.time == pytest.approx(np.pi / 2, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_without_a_guess_a_start_is_looked_for() -> None:
     found = follow(REST, {"end.x": (10, 11)}, steps=1)
     assert [each.solution.word for each in found.points] == ["u: + -"] * 2
     assert found.points[-1].solution.objective == pytest.approx(2 * np.sqrt(11), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_branch_that_ends_says_so() -> None:
     """In T = 2 one gets from 1 to -1 and no further."""
     far = POND.with_({"end.x": -0.8, "final_time": 2})
     start = solve(far, method="lgr-multiphase", word="- s -")
     found = follow(far, {"end.x": (-0.8, -1.2)}, start, steps=4)
-    assert found.ended.startswith("end.x = -0.9")
-    assert found.points[-1].value == pytest.approx(-0.9, abs=0.11)
+    assert found.ended
+    assert -1.0 <= found.points[-1].value < -0.8
+    assert all(each.value == pytest.approx(-1.0, abs=1e-6) for each in found.events)
 
 
 def test_a_watch_may_stop_it(along: Solution) -> None:
@@ -177,8 +192,8 @@ def test_a_watch_may_stop_it(along: Solution) -> None:
     assert told[0].stage.startswith("final_time = 1.875, 1 points, 0 events")
 
 
-def test_rows_are_plain_values_in_order(along: Solution) -> None:
-    rows = follow(POND, {"final_time": (2, 1)}, along, steps=4).rows
+def test_rows_are_plain_values_in_order(shortened: Branch) -> None:
+    rows = shortened.rows
     values = [row["value"] for row in rows]
     assert values == sorted(values, reverse=True)
     event = next(row for row in rows if row["event"])
