@@ -4,7 +4,6 @@ ends, its state constraints and its box, relative to sizes.
 
 import math
 from dataclasses import replace
-from typing import TypeAlias
 
 import casadi
 import numpy as np
@@ -31,9 +30,6 @@ from socp.model import (
     time,
 )
 from socp.verdict.motion import Log, Piece, piece_of_law, pieces_in_time, travel
-
-# what was met on the way, the states and the running cost at the end, and why it broke down
-Run: TypeAlias = tuple[Log, np.ndarray, str]
 
 
 def box_miss(u: np.ndarray, box: np.ndarray) -> float:
@@ -148,63 +144,66 @@ def verify(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
     A solution keeps what was found for it: it is asked for more than once on the way to a certified
     word.
     """
-    return _both(solution, problem)
+    return _both(solution, problem)[0]
 
 
 @once
-def _both(solution: Solution, problem: Problem) -> tuple[Feasibility, ...]:
-    found = [measured(problem, solution, _followed(solution, problem), feedback=False)]
+def _both(solution: Solution, problem: Problem) -> tuple[tuple[Feasibility, ...], np.ndarray]:
+    """Return what is found, and the states (nx, n) of the control in time at the nodes, as far as
+    it leads.
+    """
+    log = Log()
+    as_time = [pieces_in_time(arc) for arc in solution.arcs]
+    found = [_verify(problem, solution, as_time, log, feedback=False)]
+    states = np.hstack(log.nodes) if log.nodes else np.empty((0, 0))
     if solution.lawful:
         p = parameters_of(problem, solution)
         try:
             as_feedback = [[piece_of_law(problem, arc, p)] for arc in solution.arcs]
         except MethodError:
-            return tuple(found)  # the word was read off a solution of a problem without such laws
-        found.append(
-            measured(problem, solution, _run(problem, solution, as_feedback), feedback=True)
-        )
-    return tuple(found)
-
-
-@once
-def _followed(solution: Solution, problem: Problem) -> Run:
-    """Integrate the control as a function of time."""
-    return _run(problem, solution, [pieces_in_time(arc) for arc in solution.arcs])
-
-
-def _run(problem: Problem, solution: Solution, pieces: list[list[Piece]]) -> Run:
-    log = Log()
-    with np.errstate(all="ignore"):  # what overflows on the way ends as an error of the integration
-        y, error = travel(problem, solution, pieces, log)
-    return log, y, error
+            # the word was read off a solution of a problem without such laws
+            return tuple(found), states
+        found.append(_verify(problem, solution, as_feedback, Log(), feedback=True))
+    return tuple(found), states
 
 
 def moved(problem: Problem, solution: Solution) -> Solution:
     """Return a solution with the states and the objective that its control reaches by
     re-integration in place of those that were claimed; as it is where that breaks down.
     """
-    log, _, error = _followed(solution, problem)
+    (seen, *_), x = _both(solution, problem)
     ends = np.cumsum([arc.t.size for arc in solution.arcs])
-    x = np.hstack(log.nodes)
-    reached = verify(problem, solution)[0].objective
-    if error or x.shape[1] != ends[-1] or not np.isfinite(reached):
+    if seen.error or x.shape[1] != ends[-1] or not np.isfinite(seen.objective):
         return solution
     states = np.split(x, ends[:-1], axis=1)
     arcs = tuple(replace(arc, x=own) for arc, own in zip(solution.arcs, states, strict=True))
-    return replace(solution, arcs=arcs, objective=reached, verified=(), verdict=None)
+    return replace(solution, arcs=arcs, objective=seen.objective, verified=(), verdict=None)
 
 
-def measured(problem: Problem, solution: Solution, run: Run, *, feedback: bool) -> Feasibility:
+def _verify(
+    problem: Problem, solution: Solution, pieces: list[list[Piece]], log: Log, *, feedback: bool
+) -> Feasibility:
+    with np.errstate(all="ignore"):  # what overflows on the way ends as an error of the integration
+        ended = travel(problem, solution, pieces, log)
+        return measured(problem, solution, log, ended, feedback=feedback)
+
+
+def measured(
+    problem: Problem,
+    solution: Solution,
+    log: Log,
+    ended: tuple[np.ndarray, str],
+    *,
+    feedback: bool,
+) -> Feasibility:
     """Return how far a motion misses its problem: the points of its log, and where and why it
     ended.
     """
-    p, (log, y, error) = parameters_of(problem, solution), run
-    with np.errstate(all="ignore"):
-        motion, x = log.motion, y[:-1]
-        scale = sizes(problem, motion[0], motion[1], p)
-        objective, gap = objective_of(problem, solution, motion, scale, float(y[-1]))
-        miss, miss_at = end_miss(problem, solution, x, scale)
-        path, path_at = path_miss(problem, p, scale, motion)
+    (y, error), p, motion = ended, parameters_of(problem, solution), log.motion
+    scale = sizes(problem, motion[0], motion[1], p)
+    objective, gap = objective_of(problem, solution, motion, scale, float(y[-1]))
+    miss, miss_at = end_miss(problem, solution, y[:-1], scale)
+    path, path_at = path_miss(problem, p, scale, motion)
     box = box_miss(np.hstack([motion[2], *(arc.u for arc in solution.arcs)]), problem.box)
     return Feasibility(
         miss=miss,
@@ -214,7 +213,7 @@ def measured(problem: Problem, solution: Solution, run: Run, *, feedback: bool) 
         box=box,
         drift=float(np.max(log.off / scale)),
         feedback=feedback,
-        end=tuple(x.tolist()),
+        end=tuple(y[:-1].tolist()),
         error=error,
         objective=math.nan if error else objective,
         gap=gap,

@@ -62,7 +62,7 @@ def simulated(
     log = Log()
     with np.errstate(all="ignore"):  # what overflows ends as an error of the integration
         end, error = travel(driven, solution, pieces, log)
-        found = measured(driven, solution, (log, end, error), feedback=bool(feedback))
+        found = measured(driven, solution, log, (end, error), feedback=bool(feedback))
     return with_statement(
         plant,
         Solution(
