@@ -11,6 +11,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from socp import SolveError
+from socp.errors import load
 from socp.model import Problem, Progress, Solution
 from socp.process import file_stem, one_line
 from socp.view import (
@@ -79,8 +80,7 @@ class Recorder:
         os.environ.setdefault(
             "RUST_LOG", "off"
         )  # what goes wrong is found out below and told in one line
-        import rerun as rr
-
+        rr = load("rerun", "record", "a recording")
         rr.set_strict_mode(True)
         layout_name = f"socp-{file_stem(problem.name)}{'-compare' if several else ''}"
         name = f"{file_stem(problem.name)}-{time.time_ns():x}"

@@ -31,7 +31,7 @@ def executable() -> str:
     found = str(beside) if beside.exists() else shutil.which("rerun")
     if found is None:
         raise SolveError(
-            "there is no viewer 'rerun' beside this Python or on PATH; pip install rerun-sdk"
+            "there is no viewer 'rerun' beside this Python or on PATH; pip install 'socp[record]'"
         )
     return found
 

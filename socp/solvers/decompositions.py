@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, final
 
+from socp.errors import load
 from socp.model import Watch, silent
 from socp.solvers.bridge import NAME, register
 from socp.solvers.contract import NLP, NLPPoint
@@ -56,8 +57,9 @@ class Decomposition:
         self, nlp: NLP, starts: Sequence[NLPPoint], seconds: float, watch: Watch = silent
     ) -> Outcome:
         """Solve for so many seconds at most; `nlp` is the collocated reduction, against which
-        points are checked.
+        points are checked. Raises MethodError where pyomo is not installed.
         """
+        load("pyomo", "mip", self.name)
 
         def prepared(folder: Path) -> dict[str, Any]:
             (folder / "model.py").write_text(self.script, encoding="utf-8")

@@ -7,6 +7,7 @@ from typing import Any
 import casadi
 import numpy as np
 
+from socp.errors import load
 from socp.model import (
     AREA,
     ARITHMETIC,
@@ -41,8 +42,7 @@ def pyomo_programme(nlp: NLP, start: np.ndarray | None = None, *, elementary: bo
     (n,) their values. Where an interior start is given, binaries are kept as they are, fractions
     included.
     """
-    import pyomo.environ as pyo
-
+    pyo = load("pyomo.environ", "mip", "a programme for other solvers")
     model = pyo.ConcreteModel()
     low, high = nlp.v_box
     model.v = pyo.Var(
@@ -91,7 +91,7 @@ def _finite(value: float) -> float | None:
 
 def _operations() -> Mapping[int, Callable[..., Any]]:
     """Return Pyomo's functions by casadi's operation codes."""
-    import pyomo.environ as pyo
+    pyo = load("pyomo.environ", "mip", "a programme for other solvers")
     from pyomo.core.expr import Expr_if
 
     named = operation_names(*TRIGONOMETRIC, *HYPERBOLIC, *AREA, *POWERS)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, final
 
+from socp.errors import load
 from socp.model import Watch, silent
 from socp.solvers.contract import NLP, NLPPoint
 from socp.solvers.process import Job, Outcome, solved_apart
@@ -42,7 +43,11 @@ class Scip:
     def __call__(
         self, nlp: NLP, starts: Sequence[NLPPoint], seconds: float, watch: Watch = silent
     ) -> Outcome:
-        """Solve for so many seconds at most; the first start is offered to SCIP as a solution."""
+        """Solve for so many seconds at most; the first start is offered to SCIP as a solution.
+
+        Raises MethodError where pyscipopt or pyomo is not installed.
+        """
+        load("pyscipopt", "mip", "SCIP")
 
         def prepared(folder: Path) -> dict[str, Any]:
             model = pyomo_programme(nlp, starts[0].v, elementary=True)

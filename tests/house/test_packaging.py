@@ -13,6 +13,8 @@ import pytest
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
+from socp import default_guess, judge, save
+from socp.cli import main
 from socp.methods.contract import Method
 from socp.registry.plugins import Registry
 
@@ -59,6 +61,7 @@ def requirements() -> dict[str, str]:
         *project["dependencies"],
         *(line for extra in project["optional-dependencies"].values() for line in extra),
     ]
+    lines = [line for line in lines if not line.startswith("socp[")]
     found = [re.match(r"([\w-]+)(?:\[\w+\])?>=([\w.]+)", line) for line in lines]
     assert None not in found, "every package has a lower bound"
     return {each[1]: each[2] for each in found if each}
@@ -115,3 +118,64 @@ def test_what_is_built_holds_every_module_and_no_more(tmp_path: Path) -> None:
         names = {name.partition("/")[2] for name in archive.getnames()}
     sources = {str(path.relative_to(ROOT)) for paths in files.values() for path in paths}
     assert sources | {"pyproject.toml", "LICENSE", "socp/py.typed"} <= names
+
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+
+def test_one_version_stands_everywhere() -> None:
+    version = PROJECT["version"]
+    assert f"\n## [{version}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    recipe = (ROOT / "packaging" / "conda" / "meta.yaml").read_text(encoding="utf-8")
+    assert f'version = "{version}"' in recipe
+
+
+def test_the_recipe_asks_for_what_pip_does() -> None:
+    recipe = (ROOT / "packaging" / "conda" / "meta.yaml").read_text(encoding="utf-8")
+    listed = re.findall(r"^    - (\S+) (>=\S+)$", recipe.partition("  run:")[2], re.MULTILINE)
+    found = {name.removesuffix("-base") + bound for name, bound in listed}  # cvxpy's own name there
+    assert found == {f"python{PROJECT['requires-python']}", *PROJECT["dependencies"]}
+
+
+@pytest.mark.parametrize(
+    ("package", "extra", "command"),
+    [
+        ("rerun", "record", "record result.socp.json"),
+        ("matplotlib", "plot", "plot result.socp.json"),
+        ("pyarrow", "export", "export result.socp.json --format parquet"),
+        ("xarray", "export", "export result.socp.json --format netcdf"),
+        ("pyomo.environ", "mip", "export fuller --format nl"),
+        ("pyscipopt", "mip", "solve double_integrator_time -m mboc -o solver=scip -o switches=1"),
+    ],
+)
+def test_what_an_extra_brings_is_named_where_it_is_missing(
+    package: str,
+    extra: str,
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    problem = Registry.load().problem("double_integrator_time")
+    save(judge(problem, default_guess(problem)), "result.socp.json")
+    monkeypatch.setitem(sys.modules, package, None)
+    assert main(command.split()) != 0
+    assert f"pip install 'socp[{extra}]'" in capsys.readouterr().err
+
+
+def test_the_core_stands_in_no_extra() -> None:
+    extras = PROJECT["optional-dependencies"]
+    core = {re.match(r"[\w-]+", each)[0] for each in PROJECT["dependencies"]}  # type: ignore[index]
+    assert not core & {
+        "rerun-sdk",
+        "matplotlib",
+        "pyarrow",
+        "xarray",
+        "pandas",
+        "pyomo",
+        "pyscipopt",
+    }
+    assert extras["all"] == ["socp[export,mip,plot,record]"]
+    assert "socp[all]" in extras["dev"]
