@@ -27,6 +27,7 @@ ROOMS = (
     "solvers",
     "transcription",
     "verdict",
+    "proof",
     "methods",
     "search",
     "study",

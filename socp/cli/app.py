@@ -45,6 +45,7 @@ _COMMANDS: Mapping[str, tuple[str, str]] = {
     "solve": ("solving", "Solve a problem with one method and write the result file."),
     "check": ("checking", "Judge a saved result by Pontryagin's principle."),
     "sensitivity": ("deriving", "Derive a saved extremal by its data."),
+    "prove": ("proving", "Prove that the extremal of a saved result exists."),
     "compare": ("comparing", "Solve a problem with several methods and print one table."),
     "census": ("surveying", "Find a problem's extremals from many starts, print a table."),
     "frontier": (

@@ -117,6 +117,28 @@ def test_derivatives_of_a_certified_result(capsys: pytest.CaptureFixture[str]) -
     assert "'mass' is no datum of the problem; there are start.x" in capsys.readouterr().err
 
 
+def test_a_proof_of_a_saved_result(capsys: pytest.CaptureFixture[str]) -> None:
+    """The cart takes 2 seconds and turns at 1; moved by a tenth, nothing is proved of it."""
+    assert main(["solve", "cart.py", "-m", "lgr-multiphase", "-o", "word=+ -"]) == 0
+    capsys.readouterr()
+    assert main(["prove", "cart.socp.json"]) == 0
+    told = capsys.readouterr().out
+    assert "an extremal of Pontryagin's principle exists" in told
+    assert main(["prove", "cart.socp.json", "--bits", "96", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["proved"]
+    assert found["bits"] == 96
+    for (middle, radius), value in zip(found["times"], (1.0, 2.0), strict=True):
+        assert abs(float(middle) - value) <= float(radius) < 1e-15
+    text = Path("cart.socp.json").read_text(encoding="utf-8")
+    document = json.loads(text)
+    document["arcs"][0]["t"] = [1.1 * t for t in document["arcs"][0]["t"]]
+    document["arcs"][1]["t"] = [0.1 + t for t in document["arcs"][1]["t"]]
+    Path("moved.socp.json").write_text(json.dumps(document), encoding="utf-8")
+    assert main(["prove", "moved.socp.json"]) == 1
+    assert "comparison with the result" in capsys.readouterr().out
+
+
 @pytest.mark.slow
 def test_a_rung_that_is_required_sets_the_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
     along = ["solve", "cart.py", "-m", "lgr-multiphase", "-o", "word=+ -"]

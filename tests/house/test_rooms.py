@@ -21,6 +21,7 @@ SEES = {
     "solvers": {"errors", "process", "model"},
     "transcription": {"errors", "process", "model", "laws", "solvers"},
     "verdict": {"errors", "process", "model", "laws", "transcription"},
+    "proof": {"errors", "process", "model"},
     "view": {"errors", "process", "model"},
     "registry": {"errors", "process", "model", "verdict", "methods"},
 }

@@ -1,0 +1,331 @@
+"""Enclosures of a motion and of its derivatives: Taylor's formula with its remainder over a set
+that is shown to contain the motion.
+
+A step from z0 over a time h: a set B with z0 + [0, h] f(B) inside B contains the motion on it
+(Picard); then z(h) lies in the sum of c_k(z0) h^k for k < p plus c_p(B) h^p, c_k the Taylor
+coefficients (Moore, Interval Analysis, 1966). The derivative by z0 solves V' = A V and is enclosed
+alike, over I +- (exp(a h) - 1), a the norm of A over B with weights (Gronwall). A set of states
+moves by the mean value theorem: its middle by Taylor's formula, what is around it by the
+derivative.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, final
+
+import casadi
+import numpy as np
+
+from socp.errors import SolveError
+from socp.model import TINY, Expr, once
+from socp.proof.balls import Ball, Compiled, Matrix, coefficients, compiled, finite, flint
+
+ORDER = 24  # Taylor coefficients of the motion: steps get longer with more, and dearer
+SLOPES = 18  # of its derivatives, which only have to be right to some digits
+_ROUNDS = 12  # until a set contains its own image: what takes more takes shorter steps
+_WIDER = 1.1
+_PERRON = 12  # rounds of the power method: sizes need no digits
+_LEAST = (1.0, 1e-2, 1e-4, 1e-6)  # sizes of quantities, of the largest, that are tried
+_GRID = 1 << 20  # shares of an arc's length: steps are whole multiples of one of these
+_FINEST = 1 << 24  # shares of it: what is not enclosed in such a step will not be in a shorter one
+_LOOSER = 1.1  # steps that were too long for an enclosure get longer by this again
+_HALF = 2  # a step that is not enclosed is made in so many
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A motion z' = f(z) in balls: f, and the entries of its Jacobian that are not zero, by row and
+    column.
+    """
+
+    size: int
+    rate: Compiled
+    slopes: Compiled
+    places: tuple[tuple[int, int], ...]
+
+    @classmethod
+    def of(cls, field: Expr, z: Expr, values: dict[Expr, Any]) -> "Motion":
+        """Compile a field (nz, 1) of symbols z (nz, 1)."""
+        jacobian = casadi.sparsify(casadi.jacobian(field, z))
+        rows, columns = jacobian.sparsity().get_triplet()
+        entries = casadi.vertcat(casadi.SX(0, 1), *jacobian.nonzeros())
+        places = tuple(zip(rows, columns, strict=True))
+        return cls(z.numel(), compiled(field, z, values), compiled(entries, z, values), places)
+
+    def value(self, z: Sequence[Ball]) -> list[Ball]:
+        """Return f at balls."""
+        return [flint().arb(0) if each is None else each for each in self.rate.call(z)]
+
+    def series(self, z: Sequence[Ball], order: int) -> list[Any]:
+        """Return the Taylor series of the motion from z, up to an order."""
+        module = flint()
+        module.ctx.cap = order + 1
+        found = constant = [module.arb_series([each]) for each in z]
+        for k in range(order):
+            module.ctx.cap = k + 1
+            rates = self.rate.call(found)
+            module.ctx.cap = order + 1
+            found = [
+                start if rate is None else start + module.arb_series(rate).integral()
+                for start, rate in zip(constant, rates, strict=True)
+            ]
+        return found
+
+    def matrices(self, series: Sequence[Any], order: int) -> list[Matrix]:
+        """Return the Taylor coefficients of the Jacobian along a series of the motion."""
+        module = flint()
+        module.ctx.cap = order
+        entries = [coefficients(each, order) for each in self.slopes.call(series)]
+        found = []
+        for k in range(order):
+            matrix = module.arb_mat(self.size, self.size)
+            for (row, column), values in zip(self.places, entries, strict=True):
+                matrix[row, column] = values[k]
+            found.append(matrix)
+        return found
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class State:
+    """A set of states middle + frame * spread, and the derivative frame * slopes of the states by
+    some unknowns.
+
+    The frame (n, n), without radius, is moved by the flow: so a spread is not enclosed anew in
+    another box at every step, which would make it grow by the sum of what every state does to every
+    other (the parallelepiped method; Moore, 1966). What is lost by a frame that is nearly singular
+    is a matter of bits.
+    """
+
+    middle: list[Ball]
+    frame: Matrix
+    spread: Matrix
+    slopes: Matrix
+
+    @classmethod
+    def of(cls, z: Sequence[Ball], slopes: Matrix) -> "State":
+        """Return the set of states that is a box z (n,), with their derivatives (n, m)."""
+        module, n = flint(), len(z)
+        middle = [each.mid() for each in z]
+        around = [a - b for a, b in zip(z, middle, strict=True)]
+        return cls(middle, _one(n), module.arb_mat(n, 1, around), slopes)
+
+    @property
+    def box(self) -> list[Ball]:
+        """The smallest box around the set."""
+        around = self.frame * self.spread
+        return [each + around[i, 0] for i, each in enumerate(self.middle)]
+
+    @property
+    def derivative(self) -> Matrix:
+        """The derivative of the states by the unknowns (n, m)."""
+        return self.frame * self.slopes
+
+    def lengthened(self, motion: Motion, column: int) -> "State":
+        """Return the set with the derivative by how long it has moved added to a column."""
+        module, n = flint(), len(self.middle)
+        own = self.frame.inv() * module.arb_mat(n, 1, motion.value(self.box))
+        slopes = module.arb_mat(self.slopes)
+        for i in range(n):
+            slopes[i, column] += own[i, 0]
+        return State(self.middle, self.frame, self.spread, slopes)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """The boxes that contain a motion where a step begins and during it, and how long it is."""
+
+    motion: Motion
+    start: list[Ball]
+    during: list[Ball]
+    h: Ball
+
+    @once
+    def parts(self, count: int) -> list[list[Ball]]:
+        """Return boxes that contain the motion during so many equal parts of the step."""
+        near = [coefficients(each, ORDER) for each in self.motion.series(self.start, ORDER)]
+        last = [coefficients(e, ORDER + 1) for e in self.motion.series(self.during, ORDER)]
+        found, flint().ctx.cap = [], 1
+        for k in range(count):
+            t = (self.h * k / count).union(self.h * (k + 1) / count)
+            found.append([_horner([*a, b[ORDER]], t) for a, b in zip(near, last, strict=True)])
+        return found
+
+
+def step(motion: Motion, state: State, h: Ball) -> tuple[State, Stage] | None:
+    """Return the set that the motion leads to in a time h, and what contains it meanwhile; None
+    where no such box was found.
+    """
+    box = state.box
+    during = _enclosure(motion, box, h)
+    if during is None:
+        return None
+    wide = motion.series(during, ORDER)
+    last = [coefficients(each, ORDER + 1)[ORDER] for each in wide]
+    if not finite(last):
+        return None
+    near, power = motion.series(state.middle, ORDER), h**ORDER
+    end = [
+        _horner(coefficients(each, ORDER), h) + top * power
+        for each, top in zip(near, last, strict=True)
+    ]
+    moved = _slope(motion, motion.series(box, SLOPES), wide, h) * state.frame
+    return _carried(state, end, moved), Stage(motion, box, during, h)
+
+
+def _carried(state: State, end: list[Ball], moved: Matrix) -> State:
+    """Return a set with its middle at `end`, and its frame carried to `moved`, which has a
+    radius.
+    """
+    module, n = flint(), len(end)
+    frame = moved.mid()
+    inverse = frame.inv()
+    off = inverse * (moved - frame)
+    middle = [each.mid() for each in end]
+    around = module.arb_mat(n, 1, [a - b for a, b in zip(end, middle, strict=True)])
+    spread = state.spread + off * state.spread + inverse * around
+    return State(middle, frame, spread, state.slopes + off * state.slopes)
+
+
+def _one(n: int) -> Matrix:
+    return flint().arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
+
+
+def _enclosure(motion: Motion, z: list[Ball], h: Ball) -> list[Ball] | None:
+    module = flint()
+    module.ctx.cap = 1
+    meanwhile = module.arb(0).union(h)
+    found = [start + meanwhile * rate for start, rate in zip(z, motion.value(z), strict=True)]
+    for _ in range(_ROUNDS):
+        wider = [module.arb(each.mid(), each.rad() * _WIDER) for each in found]
+        image = [s + meanwhile * rate for s, rate in zip(z, motion.value(wider), strict=True)]
+        if not finite(image):
+            return None
+        if all(a.contains(b) for a, b in zip(wider, image, strict=True)):
+            return image
+        found = image
+    return None
+
+
+def _horner(values: Sequence[Any], h: Ball) -> Any:
+    found = values[-1]
+    for each in reversed(values[:-1]):
+        found = found * h + each
+    return found
+
+
+def _slope(motion: Motion, near: list[Any], wide: list[Any], h: Ball) -> Matrix:
+    """Return the derivative of a step by where it begins."""
+    one = _one(motion.size)
+    over = motion.matrices(wide, SLOPES)
+    around = _around(over[0], h)
+    parts = _solved(motion.matrices(near, SLOPES), one, SLOPES - 1)
+    parts.append(_solved(over, around, SLOPES)[-1])
+    found = parts[-1]
+    for each in reversed(parts[:-1]):
+        found = found * h + each
+    return found
+
+
+def _around(matrix: Matrix, h: Ball) -> Matrix:
+    """Return what contains V over a step, V' = A V, V(0) = 1, A a matrix of balls: |V - 1|_ij is at
+    most (exp(a h) - 1) s_i / s_j for a = max_i sum_j |A_ij| s_j / s_i, whatever the sizes s.
+    """
+    n, arb = matrix.nrows(), flint().arb
+    bounds = [[matrix[i, j].abs_upper() for j in range(n)] for i in range(n)]
+    floats = np.array([[float(each) for each in row] for row in bounds])
+    best = None
+    for least in _LEAST:
+        s = [arb(float(each)) for each in _sizes(floats, least)]
+        norm = max(
+            (sum((b * s[j] for j, b in enumerate(row)), arb(0)) / s[i]).upper()
+            for i, row in enumerate(bounds)
+        )
+        growth = ((norm * h).exp() - 1).abs_upper()
+        if best is None or growth / least < best[0]:
+            best = growth / least, growth, s
+    growth, s = best[1:] if best else (arb(0), [])
+    entries = [arb(int(i == j), (growth * s[i] / s[j]).upper()) for i in range(n) for j in range(n)]
+    return flint().arb_mat(n, n, entries)
+
+
+def _sizes(matrix: np.ndarray, least: float) -> np.ndarray:
+    """Return sizes from `least` to 1 for which a norm of a matrix is nearly the least it can be, by
+    the power method (Perron).
+    """
+    size = np.ones(len(matrix))
+    with np.errstate(all="ignore"):
+        for _ in range(_PERRON):
+            moved = matrix @ size
+            size = np.maximum(np.sqrt(size * moved / max(moved.max(), TINY)), least)
+    return size if np.isfinite(size).all() else np.ones(len(matrix))
+
+
+def _solved(matrices: Sequence[Matrix], first: Matrix, order: int) -> list[Matrix]:
+    """Return the Taylor coefficients of V' = A V, V(0) = first, up to an order."""
+    found = [first]
+    for k in range(order):
+        total = matrices[0] * found[k]
+        for i in range(1, k + 1):
+            total = total + matrices[i] * found[k - i]
+        found.append(total * (flint().arb(1) / (k + 1)))
+    return found
+
+
+def passage(
+    motion: Motion, state: State, length: Ball, shares: Sequence[Fraction]
+) -> tuple[State, tuple[Stage, ...]]:
+    """Return the set that the motion over an arc leads to in steps of given shares of its length,
+    and the stages on its way.
+    """
+    during: list[Stage] = []
+    left = list(reversed(shares))
+    while left:
+        share = left.pop()
+        made = step(motion, state, length * share.numerator / share.denominator)
+        if made is not None and finite(made[0].box):
+            state = made[0]
+            during.append(made[1])
+        elif share.denominator <= _FINEST:
+            left += [share / _HALF] * _HALF
+        else:
+            raise SolveError("the motion could not be enclosed")
+    return state, tuple(during)
+
+
+def shares(
+    motion: Motion, z: list[Ball], length: Ball, small: float
+) -> tuple[list[Fraction], list[Ball]]:
+    """Return shares of an arc's length, of sum 1, in whose steps every remainder is at most
+    `small`, and where about they lead; SolveError where there are none.
+    """
+    done, size, most, found = 0, _GRID // 8, float(_GRID), []
+    while done < _GRID:
+        size = min(max(int(min(size, most)), 1), _GRID - done)
+        made = _tried(motion, z, length * size / _GRID)
+        if made is None:
+            most = size / _HALF
+        elif made[1] <= small:
+            found.append(Fraction(size, _GRID))
+            z, done, most = made[0], done + size, most * _LOOSER
+        if size == 1 and (made is None or not made[1] <= small):
+            raise SolveError("the motion could not be enclosed in any steps")
+        if made is not None:
+            size = int(size * min(0.9 * (small / max(made[1], 1e-300)) ** (1.0 / ORDER), 4.0))
+    return found, z
+
+
+def _tried(motion: Motion, z: list[Ball], h: Ball) -> tuple[list[Ball], float] | None:
+    """Return where a step leads, without radius, and its remainder."""
+    during = _enclosure(motion, z, h)
+    if during is None:
+        return None
+    last = [coefficients(each, ORDER + 1)[ORDER] for each in motion.series(during, ORDER)]
+    near = [coefficients(each, ORDER) for each in motion.series(z, ORDER)]
+    end = [_horner(each, h).mid() for each in near]
+    if not finite(last) or not finite(end):
+        return None
+    return end, max(float((top * h**ORDER).abs_upper()) for top in last)
