@@ -177,5 +177,5 @@ def test_the_core_stands_in_no_extra() -> None:
         "pyomo",
         "pyscipopt",
     }
-    assert extras["all"] == ["socp[export,mip,plot,record]"]
+    assert extras["all"] == ["socp[export,mip,plot,prove,record]"]
     assert "socp[all]" in extras["dev"]
