@@ -20,7 +20,9 @@ from socp.proof.balls import Ball, Compiled, Matrix, ball, compiled, finite, fli
 from socp.proof.chain import Chain
 from socp.proof.flow import Motion, Stage, State, passage, shares
 
-_SMALL = 1e-22  # what a step may add to an enclosure: times some hundred steps, below 1e-19
+# Of the precision: what a step may add to an enclosure. With 128 bits 1e-22, so that some hundred
+# steps add less than 1e-19; the rest of the bits is for what the motion makes of it
+_SMALL = 0.57
 _FAR = 4.0  # times the step before: Newton that goes further goes anywhere
 _NEWTON = 8  # steps: from ten digits two or three lead to all that the precision has
 # Newton ends with a step below the first after one below the second: what is left is rounding, as
@@ -114,7 +116,7 @@ class Shot:
         for motion, length in zip(self.motions, self.lengths(y), strict=True):
             if not length > 0:
                 raise SolveError("an arc has no length")
-            its, z = shares(motion, z, length, _SMALL)
+            its, z = shares(motion, z, length, 2.0 ** (-_SMALL * flint().ctx.prec))
             found.append(its)
         return found
 

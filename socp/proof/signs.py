@@ -64,13 +64,13 @@ class Signs:
                 raise SolveError(f"{what}: its enclosure {value.str(5)} is not positive")
             shown[what] = None
         for k, piece in enumerate(self.chain.pieces):
-            for sign in self._conditions(piece):
+            for sign in self._conditions(k, piece):
                 self._along(k, sign)
                 shown[sign.what] = None
         return list(shown)
 
-    def _conditions(self, piece: Piece) -> Iterator[Sign]:
-        """Yield what has a sign on a piece."""
+    def _conditions(self, k: int, piece: Piece) -> Iterator[Sign]:
+        """Yield what has a sign on piece k."""
         system, its = self.chain.system, piece.loop
         followed = set(its.multipliers)
         for i, (mode, name) in enumerate(zip(its.modes, system.problem.control_names, strict=True)):
@@ -84,7 +84,7 @@ class Signs:
         for name, c in system.constraints.items():
             if name not in followed:
                 yield Sign(f"state constraint {name}", -c)
-        yield from (self._multiplier(piece, name) for name in followed)
+        yield from (self._multiplier(k, piece, name) for name in followed)
         yield Sign("law of an arc", its.regular * its.regular)
         count = its.convexity.shape[0]
         for size in range(1, count + 1):
@@ -94,20 +94,20 @@ class Signs:
         for symbol, argument in system.numbers.kinks.items():
             yield Sign("side of a kink", piece.signs[symbol] * argument)
 
-    def _multiplier(self, piece: Piece, name: str) -> Sign:
-        """Return the sign of a multiplier mu: that of -A M where A + M mu = 0."""
+    def _multiplier(self, k: int, piece: Piece, name: str) -> Sign:
+        """Return the sign of a multiplier mu: that of -A / M where A + M mu = 0.
+
+        M has one sign on the piece: it divides the determinant that is shown not to vanish.
+        """
         what = f"multiplier of {name}"
         if name not in piece.loop.pulls:
             return Sign(what, piece.loop.multipliers[name])
         right, slope = piece.loop.pulls[name]
-        return Sign(
-            what,
-            -right
-            if not casadi.symvar(slope) and float(slope) > 0
-            else right
-            if not casadi.symvar(slope)
-            else -right * slope,
-        )
+        function = compiled(slope, self.chain.system.z, self.shot.at(piece.signs))
+        (value,) = _balls(function.call(self.proved.run.stages[k][0].start))
+        if positive(value * value):
+            return Sign(what, -right if positive(value) else right)
+        return Sign(what, piece.loop.multipliers[name])
 
     def _ends(self) -> Iterator[tuple[str, Ball]]:
         """Yield what has to be positive at the ends of the horizon, and the lengths of arcs."""
