@@ -7,6 +7,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from socp.model import Problem, Solution, silent
+from socp.process import time_limit
 from socp.search import Candidate, Search, mends, try_words, word_of
 from socp.study.branch import Event, Point
 from socp.study.monitors import Clue, Margins, lengths, margins
@@ -17,7 +18,7 @@ from socp.verdict import learn, with_second_order
 _CLEAR = 1e-7  # of its size: one that is further on the wrong side has passed through zero
 _LOCATED = 1e-12  # of the span: where a zero of a figure is sought no closer
 _BEYOND = (0.25, 0.05, 1.0)  # of the step left: where the word beyond an event is tried
-_WORDS = 12  # words tried there
+_WORDS, _SECONDS = 12, 30.0  # words tried there at most, and the time for them
 _SAME = 1e-6  # relative: by how much the objectives of two words may differ where they meet
 
 
@@ -124,7 +125,8 @@ def _mended(
     walk.tell(value, "")
     learn(problem, trials[0].solution)
     batches = _batches(problem, [each.solution for each in trials], expected)
-    found = try_words(problem, batches, Search(), silent, _WORDS)
+    with time_limit(_SECONDS):
+        found = try_words(problem, batches, Search(), silent, _WORDS)
     return None if found is None or not found.extremal else with_second_order(problem, found)
 
 

@@ -23,6 +23,7 @@ from socp.verdict import with_second_order
 
 _STARTS = 3  # of a census, for the first solution
 _PREDICTED = 0.01  # of the horizon: how far a prediction may be off, by which steps are chosen
+_TRIES = 2  # changes of word that are tried from one point before a branch is given up
 _GROWN, _CUT = 2.0, 0.25  # times the last step, at most and at least
 
 
@@ -90,6 +91,7 @@ def _walked(walk: Walk, steps: int) -> str:
     """Go on to the last value; returns why that is not reached, empty where it is."""
     longest = step = walk.width / steps
     before: Point | None = None
+    missed = 0
     known = margins(walk.at(walk.span[0]), walk.points[-1].solution)
     while (now := walk.points[-1]).value != walk.span[1]:
         value = now.value + step
@@ -107,17 +109,19 @@ def _walked(walk: Walk, steps: int) -> str:
                 grown = np.sqrt(_PREDICTED / apart(guess, trial.solution))
                 step = (value - now.value) * float(np.clip(grown, _CUT, _GROWN))
                 step = step if abs(step) < abs(longest) else longest
-            before, known = now, trial.margins
+            before, known, missed = now, trial.margins, 0
             walk.points.append(Point(value, trial.solution))
             continue
         if trial is None and abs(step) > _CUT**2 * abs(longest):
             step *= _CUT
             continue
         if not changed(walk, Trial(now.value, now.solution, known), value, trial):
-            if abs(step) > SMALLEST * abs(walk.width):
+            missed += 1
+            if missed < _TRIES and abs(step) > SMALLEST * abs(walk.width):
                 step *= _CUT
                 continue
             return _lost(walk)
+        missed = 0
         before, now = None, walk.points[-1]
         known = margins(walk.at(now.value), now.solution)
     return ""
