@@ -1,5 +1,6 @@
 """The command `socp`: its options, its commands, and what becomes of errors."""
 
+import os
 import shlex
 import sys
 import traceback
@@ -39,6 +40,8 @@ Examples:
   socp compare auv -m euler-ipopt -m trapezoidal -o steps=400
 """
 
+
+COMPLETING = "_SOCP_COMPLETE"  # set by a shell: what it asks for
 
 # By name: the module in `socp.cli.commands`, imported for that command alone, and a line of help
 _COMMANDS: Mapping[str, tuple[str, str]] = {
@@ -140,7 +143,13 @@ def _ran(session: Session, given: Sequence[str]) -> int:
     try:
         roomy()
         with _one_line_warnings(session.warn), parsing():
-            code = socp.main(args=list(given), prog_name="socp", obj=session, standalone_mode=False)
+            code = (
+                Exit.SOLVED
+                if _completed(os.environ.get(COMPLETING))
+                else socp.main(
+                    args=list(given), prog_name="socp", obj=session, standalone_mode=False
+                )
+            )
     except (KeyboardInterrupt, click.exceptions.Abort):
         return _interrupted(session)
     except SystemExit as error:
@@ -159,6 +168,16 @@ def _ran(session: Session, given: Sequence[str]) -> int:
             return _interrupted(session)
         return _internal(error, session, given)
     return code if isinstance(code, int) else Exit.SOLVED
+
+
+def _completed(asked: str | None) -> bool:
+    """Answer a shell that asks for completions; tell whether one does."""
+    if not asked:
+        return False
+    from socp.cli.commands.completing import completed
+
+    completed(socp, COMPLETING, asked)
+    return True
 
 
 def _interrupted(session: Session) -> int:

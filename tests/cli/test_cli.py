@@ -747,3 +747,24 @@ def test_help_states_the_exit_codes(socp: Command) -> None:
     assert codes == ["0", "1", "2", "3", "4", "5", "130", "143"]
     assert socp("--version").out.startswith("socp ")
     assert socp().out == said.out
+
+
+@pytest.mark.parametrize(
+    ("words", "answer"),
+    [
+        ("socp sol", ["plain,solve"]),
+        ("socp solve robot", ["plain,robot_arm", "file,robot"]),
+        ("socp solve auv -m euler", ["plain,euler-ipopt"]),
+    ],
+)
+def test_a_shell_completes_commands_problems_and_methods(
+    words: str,
+    answer: list[str],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("_SOCP_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    assert main([]) == 0
+    assert capsys.readouterr().out.split() == answer

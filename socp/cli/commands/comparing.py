@@ -11,6 +11,7 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
+from socp.cli.commands.completing import methods, problems
 from socp.cli.commands.recording import record_option, recording, recording_watch
 from socp.cli.machine import lacking
 from socp.cli.options import options_by_method
@@ -55,7 +56,7 @@ class Row:
 
 
 @click.command()
-@click.argument("problem", metavar="FILE_OR_NAME")
+@click.argument("problem", metavar="FILE_OR_NAME", shell_complete=problems)
 @click.option(
     "-m",
     "--method",
@@ -64,6 +65,7 @@ class Row:
     required=True,
     metavar="NAME",
     help="Method; give several.",
+    shell_complete=methods,
 )
 @click.option(
     "-o",

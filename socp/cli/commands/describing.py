@@ -9,6 +9,7 @@ import click
 from rich.table import Table
 from rich.text import Text
 
+from socp.cli.commands.completing import problems
 from socp.cli.options import backend_name, backends, has_options
 from socp.cli.posing import load_posed, set_option
 from socp.cli.session import Exit, Session, heading, show
@@ -27,7 +28,7 @@ _READ = 600  # characters of a formula that somebody may read: five lines
 
 
 @click.command()
-@click.argument("name", metavar="NAME")
+@click.argument("name", metavar="NAME", shell_complete=problems)
 @set_option
 @click.option("--full", is_flag=True, help="Write formulas to their end, however long they are.")
 @click.pass_obj

@@ -10,6 +10,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from socp.cli.commands.completing import problems
 from socp.cli.options import DEFAULT_METHOD
 from socp.cli.posing import load_posed, set_option, span_of, told_line
 from socp.cli.progress import progress
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("problem", metavar="FILE_OR_NAME")
+@click.argument("problem", metavar="FILE_OR_NAME", shell_complete=problems)
 @set_option
 @click.option(
     "--steps",

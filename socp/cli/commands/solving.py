@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, final
 import click
 
 from socp.cli.commands.advising import advice
+from socp.cli.commands.completing import methods, problems
 from socp.cli.commands.recording import live_option, record_option, recording, recording_watch
 from socp.cli.keeping import Place, keep
 from socp.cli.options import DEFAULT_METHOD, pairs
@@ -69,10 +70,15 @@ class Asked:
 
 
 @click.command()
-@click.argument("problem", metavar="FILE_OR_NAME")
+@click.argument("problem", metavar="FILE_OR_NAME", shell_complete=problems)
 @set_option
 @click.option(
-    "-m", "--method", default=DEFAULT_METHOD, show_default=True, help="Method, see 'socp methods'."
+    "-m",
+    "--method",
+    default=DEFAULT_METHOD,
+    show_default=True,
+    help="Method, see 'socp methods'.",
+    shell_complete=methods,
 )
 @click.option(
     "-o",

@@ -10,6 +10,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from socp.cli.commands.completing import problems
 from socp.cli.keeping import Place, keep
 from socp.cli.posing import load_posed, set_option, told, told_line
 from socp.cli.progress import progress
@@ -65,7 +66,7 @@ def _output_options(command: Callable[..., int]) -> Callable[..., int]:
 
 
 @click.command()
-@click.argument("problem", metavar="FILE_OR_NAME")
+@click.argument("problem", metavar="FILE_OR_NAME", shell_complete=problems)
 @click.option(
     "--starts",
     default=20,
@@ -250,7 +251,7 @@ def _cells(solution: "Solution", starts: int) -> Mapping[str, str]:
 
 
 @click.command()
-@click.argument("problem", metavar="FILE_OR_NAME")
+@click.argument("problem", metavar="FILE_OR_NAME", shell_complete=problems)
 @click.option(
     "--max-switches",
     "most",
