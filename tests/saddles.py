@@ -12,13 +12,13 @@ from socp import (
     Word,
     controls,
     default_guess,
-    follow,
     judge,
     solve_collocated,
     states,
     uniform,
 )
 from socp.methods.guess import split
+from socp.transcription import follow
 from socp.transcription.schemes import lgr
 
 HORIZON = 3.0

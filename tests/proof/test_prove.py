@@ -21,7 +21,6 @@ from socp import (
     Solution,
     Word,
     default_guess,
-    follow,
     judge,
     solve_collocated,
     uniform,
@@ -29,7 +28,7 @@ from socp import (
 from socp.methods import polished
 from socp.model.word import Mode
 from socp.proof import prove
-from socp.transcription import lgr
+from socp.transcription import follow, lgr
 
 PROBLEMS = {
     each.problem.name: each.problem

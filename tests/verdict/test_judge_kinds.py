@@ -18,7 +18,6 @@ from socp import (
     controls,
     default_guess,
     final_time,
-    follow,
     initial,
     initial_time,
     judge,
@@ -31,6 +30,7 @@ from socp import (
 from socp.methods.guess import split
 from socp.model.arc import Arc
 from socp.model.solution import Stop
+from socp.transcription import follow
 from socp.transcription.schemes import lgr
 
 Formula = Callable[[np.ndarray], Sequence[np.ndarray]]

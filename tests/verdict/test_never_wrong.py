@@ -18,7 +18,6 @@ from socp import (
     Solution,
     Word,
     default_guess,
-    follow,
     judge,
     run,
     solve_collocated,
@@ -26,6 +25,7 @@ from socp import (
 )
 from socp.methods.guess import split
 from socp.model.solution import Stop
+from socp.transcription import follow
 from socp.transcription.schemes import lgr
 from socp.verdict.certify import case
 

@@ -15,7 +15,6 @@ from socp import (
     controls,
     default_guess,
     final_time,
-    follow,
     judge,
     solve_collocated,
     states,
@@ -24,6 +23,7 @@ from socp import (
 from socp.methods.guess import split
 from socp.model.data.files import from_json, to_json
 from socp.model.tolerances import EXTREMAL, FEASIBLE
+from socp.transcription import follow
 from socp.transcription.schemes import lgr
 
 SHARP = Ipopt({"tol": 1e-11, "max_iter": 200})
