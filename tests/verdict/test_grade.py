@@ -380,7 +380,7 @@ def test_units_of_cost_time_and_length_change_no_relative_error() -> None:
 
 def test_what_is_certified_or_infeasible_has_no_grade() -> None:
     problem = truths()["control_cost"][0]
-    exact = judge(problem, on(problem, uniform(trapezoid(), 4)))  # the switch is a node
+    exact = judge(problem, on(problem, uniform(trapezoid(), 40)))  # the switch is a node
     rough = solved("double_integrator_time", "lgr 20 x 3").verdict
     assert rough is not None
     assert exact.verdict is not None

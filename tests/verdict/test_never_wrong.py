@@ -193,7 +193,7 @@ def test_reasons_name_what_is_wrong() -> None:
     wrong = judge(problem, replace(solution, objective=1.0)).verdict
     assert wrong is not None
     assert wrong.reasons[0].startswith(
-        "the re-integrated control is off by 2.2e-01: objective 0.376992, not"
+        "the re-integrated control is off by 1.7e+00: objective 0.376992, not"
     )
     assert wrong.reasons[1].startswith("objective is that of the states and controls")
     arc = solution.arcs[1]

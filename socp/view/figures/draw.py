@@ -13,6 +13,7 @@ import numpy as np
 from socp import errors
 from socp.errors import MethodError
 from socp.model import known_problem
+from socp.process import printable
 from socp.view.exports import unit
 from socp.view.figures import style
 from socp.view.figures.arrangement import (
@@ -94,7 +95,7 @@ def draw(
         columns = arranged(made, beside, one=width < TWO)
         heading = heading_of(solution, more.get("title", ""))
         figure = composed(top, columns, axis, Frame(arcs, width, heading, group.names))
-        figure.set_label("; ".join(filter(None, (solution.problem, top_text(solution)))))
+        figure.set_label(printable("; ".join(filter(None, (solution.problem, top_text(solution))))))
         return figure
 
 
