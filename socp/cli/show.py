@@ -55,7 +55,7 @@ def plain(solution: "Solution", verdict: "Verdict") -> dict[str, Any]:
     """Return the verdict of a solution as plain values, with what follows from them and the
     ladder.
     """
-    from socp.model import ladder_steps, rung_of
+    from socp.model import rung_of
 
     derived: dict[str, Any] = {
         name: getattr(verdict, name)
@@ -66,9 +66,15 @@ def plain(solution: "Solution", verdict: "Verdict") -> dict[str, Any]:
     own["grade"] = None if verdict.grade is None else asdict(verdict.grade)
     own["second_order"] = verdict.second_order and verdict.second_order.data
     derived["rung"] = rung_of(solution).name
-    steps = ladder_steps(solution)
-    derived["ladder"] = [{**asdict(step), "rung": step.rung.name} for step in steps]
+    derived["ladder"] = ladder(solution)
     return {**derived, **own}
+
+
+def ladder(solution: "Solution") -> list[dict[str, Any]]:
+    """Return the rungs that a solution was asked for as plain values."""
+    from socp.model import ladder_steps
+
+    return [{**asdict(step), "rung": step.rung.name} for step in ladder_steps(solution)]
 
 
 def variations(solution: "Solution") -> dict[str, float]:

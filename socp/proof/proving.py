@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, final
 
 from socp.errors import SolveError
-from socp.model import Problem, Solution, column, scales
+from socp.model import Problem, Proof, Rung, Solution, column, scales
 from socp.proof.balls import Ball, compiled, flint, precision
 from socp.proof.chain import chain
 from socp.proof.hamilton import Hamiltonian
@@ -25,7 +25,7 @@ _SHOWN = 18  # digits of an enclosure that are told
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Proof:
+class Existence:
     """What was proved of a result, or the step that failed and why.
 
     Enclosures are (middle, radius) as decimals; `times` are those of the joints between arcs and of
@@ -52,6 +52,18 @@ class Proof:
     def holds(self) -> bool:
         """Whether the extremal is proved to exist."""
         return not self.reason
+
+    def rungs(self, solution: Solution) -> tuple[Proof, ...]:
+        """Return what it proves of a solution as rungs of the ladder, none where it fails."""
+        if not self.holds:
+            return ()
+        middle, radius = map(float, self.objective)
+        statement = (
+            f"exactly one within {self.radius:.1e}, objective {_written(self.objective)}, "
+            f"balls of {self.bits} bits"
+        )
+        margin = abs(middle - solution.objective) + radius
+        return (Proof(rung=Rung.EXISTS, margin=margin, statement=statement),)
 
     @property
     def data(self) -> dict[str, Any]:
@@ -82,7 +94,7 @@ def _written(enclosure: tuple[str, str]) -> str:
     return " +/- ".join(enclosure)
 
 
-def prove(problem: Problem, solution: Solution, bits: int = BITS) -> Proof:
+def prove(problem: Problem, solution: Solution, bits: int = BITS) -> Existence:
     """Prove that an extremal of a solution's word exists where the solution is, in ball arithmetic
     with so many bits; a proof that fails says at which step, and why.
 
@@ -90,7 +102,7 @@ def prove(problem: Problem, solution: Solution, bits: int = BITS) -> Proof:
     """
     flint()
     began, step = time.perf_counter(), "the word's equations"
-    empty = Proof(problem=problem.name, word=solution.word, bits=bits)
+    empty = Existence(problem=problem.name, word=solution.word, bits=bits)
     try:
         system = Hamiltonian.of(problem)
         equations = chain(system, solution)
@@ -111,7 +123,7 @@ def prove(problem: Problem, solution: Solution, bits: int = BITS) -> Proof:
     return replace(found, shown=tuple(shown), numbers=read, seconds=seconds)
 
 
-def _told(empty: Proof, shot: Shot, proved: Proved) -> Proof:
+def _told(empty: Existence, shot: Shot, proved: Proved) -> Existence:
     return replace(
         empty,
         objective=_pair(objective(shot, proved)),

@@ -124,10 +124,14 @@ def test_a_proof_of_a_saved_result(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["prove", "cart.socp.json"]) == 0
     told = capsys.readouterr().out
     assert "an extremal of Pontryagin's principle exists" in told
+    assert "an extremal exists beside it, proved" in told
     assert main(["prove", "cart.socp.json", "--bits", "96", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["proved"]
     assert found["bits"] == 96
+    (rung,) = (each for each in found["ladder"] if each["rung"] == "EXISTS")
+    assert rung["holds"]
+    assert 0 <= rung["figure"] < 1e-9  # what the solver left
     for (middle, radius), value in zip(found["times"], (1.0, 2.0), strict=True):
         assert abs(float(middle) - value) <= float(radius) < 1e-15
     text = Path("cart.socp.json").read_text(encoding="utf-8")
@@ -136,7 +140,9 @@ def test_a_proof_of_a_saved_result(capsys: pytest.CaptureFixture[str]) -> None:
     document["arcs"][1]["t"] = [0.1 + t for t in document["arcs"][1]["t"]]
     Path("moved.socp.json").write_text(json.dumps(document), encoding="utf-8")
     assert main(["prove", "moved.socp.json"]) == 1
-    assert "comparison with the result" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "comparison with the result" in told
+    assert "exists beside it" not in told
 
 
 @pytest.mark.slow

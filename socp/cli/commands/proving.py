@@ -1,6 +1,7 @@
 """`socp prove`: a proof in ball arithmetic that a saved extremal exists."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
+from dataclasses import replace
 
 import click
 from rich.table import Table
@@ -8,10 +9,9 @@ from rich.text import Text
 
 from socp.cli.opening import open_result, problem_missing
 from socp.cli.session import Exit, Session, heading, show, write_json
+from socp.cli.show import ladder
 from socp.errors import ProblemError
-
-if TYPE_CHECKING:
-    from socp.proof import Proof
+from socp.view import top_text
 
 _LEAST, _MOST = 64, 4096  # bits: with fewer nothing is proved, with more it takes hours
 
@@ -46,18 +46,19 @@ def prove(session: Session, /, result: str, bits: int, problem: str | None, as_j
     if found is None:
         raise ProblemError(f"{result}: {problem_missing(solution)}")
     proof = proof_of(found, solution, bits)
+    proved = replace(solution, proofs=proof.rungs(solution))
     if as_json:
-        write_json(proof.data)
+        write_json({**proof.data, "ladder": ladder(proved)})
     else:
-        show(heading(found.name, found.title), _table(proof))
+        show(heading(found.name, found.title), _table([*proof.lines, ("rung", top_text(proved))]))
     return Exit.SOLVED if proof.holds else Exit.UNSOLVED
 
 
-def _table(proof: "Proof") -> Table:
+def _table(lines: Iterable[tuple[str, str]]) -> Table:
     """Return what was proved, or what was not, a line a thing."""
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
-    for label, text in proof.lines:
+    for label, text in lines:
         table.add_row(label, Text(text))
     return table
