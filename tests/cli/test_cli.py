@@ -565,6 +565,7 @@ def test_a_number_is_set_once(socp: Command) -> None:
     assert (said.code, said.err) == (2, "error: --set start.x is given twice\n")
 
 
+@pytest.mark.slow
 def test_a_registered_problem_of_other_constants_is_no_other_problem(socp: Command) -> None:
     method = ("-m", "euler-ipopt", "-o", "steps=20", "--quiet", "--out", "r.socp.json")
     socp("solve", "auv", *method, "--set", "current=1")
