@@ -14,7 +14,7 @@ from socp.errors import MethodError, SolveError
 from socp.laws import independent
 from socp.methods import solve_collocated, versions
 from socp.model import COMPARED, Problem, Progress, Solution, Stop, Watch, silent
-from socp.process import breakable, give_way, signals_held
+from socp.process import breakable, give_way, heard, signals_held
 from socp.search import Ration, Search, refine
 from socp.solvers import default_backend
 from socp.study.clusters import Census, Outcome, residual
@@ -189,7 +189,10 @@ def survey(
         try:
             with breakable():
                 stopped = _counted(running, tally, store)
-        except KeyboardInterrupt:
+        except BaseException as error:
+            # what Ctrl-C breaks off inside other code may fail in another way
+            if not isinstance(error, KeyboardInterrupt) and not heard():
+                raise
             stopped = True
         finally:
             running.close()

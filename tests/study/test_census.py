@@ -22,9 +22,10 @@ from socp.cli import main
 from socp.model.arc import Arc
 from socp.model.data.files import load, to_json
 from socp.model.findings import Condition, Finding, Verdict
-from socp.model.progress import Progress
+from socp.model.progress import Progress, Watch
 from socp.model.solution import Stop
 from socp.model.symbols import final_time
+from socp.process import listening, signals_held
 from socp.registry.plugins import Registry
 from socp.study.census import Tally, explore, recipe, survey
 from socp.study.clusters import Census, Outcome, clusters
@@ -366,6 +367,25 @@ def _interrupted(process: subprocess.Popen[str]) -> tuple[str, str]:
         except subprocess.TimeoutExpired:
             continue
     raise AssertionError("not heard")
+
+
+def test_what_ctrl_c_breaks_in_another_way_keeps_what_is_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Other code may turn an interrupt into an error of its own."""
+
+    def broken(problem: Problem, number: int, watch: Watch) -> Outcome:
+        if number == 0:
+            return explore(problem, number, watch)
+        with signals_held():
+            os.kill(os.getpid(), signal.SIGINT)
+        raise SystemError("a callback failed")
+
+    monkeypatch.setattr("socp.study.census.explore", broken)
+    with listening():
+        found = survey(cart(), 3)
+    assert found.interrupted
+    assert len(found.outcomes) == 1
 
 
 def _some_kept(folder: Path, process: subprocess.Popen[str]) -> None:
