@@ -23,7 +23,7 @@ from typing import Any
 import click
 import pytest
 from socp_plugins.collocation import TABLE
-from test_auto import spelt
+from test_auto import FULLER, spelt
 
 import socp as public
 from socp.cli import main
@@ -396,16 +396,7 @@ def test_gallery_shows_references_that_auto_certifies(row: list[str], registry: 
     assert re.sub(r"\[[^]]*\]", "", code(row[1])) == re.sub(r"\[[^]]*\]", "", word)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "row", [row for row in FOUND if row not in CERTIFIED], ids=lambda row: code(row[0])
-)
-def test_gallery_shows_what_auto_finds(row: list[str], registry: Registry) -> None:
-    name, word, certified, error, _ = row
-    problem = registry.problem(code(name))
-    solution = run(registry.method("auto")(), problem, default_guess(problem))
-    difference = solution.objective - problem.reference.objective
-    assert solution.word == code(word)
-    assert solution.extremal == (certified == "yes")
-    below = re.fullmatch("below (.+)", error)
-    assert abs(difference) < float(below[1]) if below else f"{difference:.1e}" == error
+def test_gallery_shows_the_word_of_what_chatters() -> None:
+    """That `auto` finds it, with its objective and no certificate, is tested with the method."""
+    (row,) = (row for row in FOUND if row not in CERTIFIED)
+    assert [code(row[0]), code(row[1]), row[2]] == ["fuller", FULLER, "no"]

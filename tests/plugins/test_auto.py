@@ -40,6 +40,8 @@ NAMES = [
     ),
 ]
 
+FULLER = "u: - + - + - s"  # the best of at most `max_switches` switches
+
 
 def load(name: str) -> Problem:
     problem: Problem = importlib.import_module(f"socp_problems.{name}").problem
@@ -89,7 +91,7 @@ def test_fuller_is_named_chattering_and_not_certified(registry: Registry) -> Non
         solution.objective > problem.reference.objective - problem.reference.tolerance
     )  # no finite word reaches it
     assert solution.objective == pytest.approx(problem.reference.objective, rel=1e-10)
-    assert solution.word == "u: - + - + - s"
+    assert solution.word == FULLER
     assert "best objective by number of switches 0: 20.8333333333, " in solution.message
 
 

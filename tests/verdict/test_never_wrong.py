@@ -6,6 +6,7 @@ import importlib
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,7 @@ NAMES = [pytest.param(name, marks=[] if name in FAST else pytest.mark.slow) for 
 SHARP = Ipopt({"tol": 1e-11, "max_iter": 200})  # words without a solution end soon
 # where no solve of a word that has no solution takes long
 HEAVY = ("auv_reverse", "robot_arm", "goddard_vlimit")
+LONG = ("auv", "auv_reverse", "robot_arm")  # of many arcs: every other spoilt one is judged
 LIGHT = [each for each in NAMES if each.values[0] not in HEAVY]
 
 
@@ -176,7 +178,8 @@ def spoilt(problem: Problem, solution: Solution) -> Iterator[tuple[str, Solution
 @pytest.mark.parametrize("name", NAMES)
 def test_a_spoilt_solution(name: str) -> None:
     problem, _, solution = right(name)
-    for what, wrong in spoilt(problem, solution):
+    every = 2 if name in LONG else 1
+    for what, wrong in islice(spoilt(problem, solution), 0, None, every):
         refused(judge(problem, wrong), what)
 
 
