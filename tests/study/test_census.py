@@ -437,7 +437,7 @@ def test_killed_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_census_of_the_reversing_vehicle() -> None:
-    found = survey(Registry.load(only=()).problem("auv_reverse"), 8)
+    found = survey(Registry.load(only=()).problem("auv_reverse"), 6)
     objectives = [each.solution.objective for each in found.extremals]
     words = [each.solution.word for each in found.extremals]
     assert objectives[:2] == pytest.approx([14.4909772288644, 14.6202229437], abs=1e-8)
