@@ -30,7 +30,11 @@ def load_posed(given: str, changes: Sequence[str], registry: Registry) -> "Probl
     Raises ProblemError where it cannot be loaded, MethodError for a change that names nothing or
     that leaves no problem.
     """
-    problem = load_problem(given, registry)
+    return with_changes(load_problem(given, registry), changes)
+
+
+def with_changes(problem: "Problem", changes: Sequence[str]) -> "Problem":
+    """Return a problem with changes NAME=VALUE; MethodError as above."""
     named = told(changes)
     if not named:
         return problem

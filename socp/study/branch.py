@@ -72,15 +72,13 @@ class Branch:
         yield from sorted(both, key=lambda row: (sign * row[0], row[2] is not None))
 
     def _row(self, value: float, solution: Solution | None, event: Event | None) -> dict[str, Any]:
-        known = solution is not None
-        judged = known and event is None
         return {
             "value": value,
             "objective": solution.objective if solution is not None else float("nan"),
             "final_time": solution.final_time if solution is not None else float("nan"),
             "word": event.before if event else solution.word if solution else "",
             "switches": [float(t) for t in solution.junctions] if solution is not None else [],
-            "rung": rung_of(solution).value if judged and solution is not None else "",
+            "rung": rung_of(solution).value if solution is not None and event is None else "",
             "event": event.kind if event else "",
             "where": event.where if event else "",
             "time": event.time if event else float("nan"),

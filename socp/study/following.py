@@ -45,7 +45,7 @@ def follow(
     Raises MethodError for anything but one number with two different values, ProblemError for a
     name or a value that leaves no problem, SolveError where no extremal is found to begin with.
     """
-    ((name, span),) = _checked(numbers).items()
+    name, span = _checked(numbers)
     if steps < 1:
         raise MethodError(f"steps={steps}, but it must be at least 1")
     walk = Walk(problem, name, span, watch)
@@ -61,14 +61,14 @@ def follow(
     return Branch(problem.name, name, tuple(walk.points), tuple(walk.events), ended, interrupted)
 
 
-def _checked(numbers: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-    found = {name: tuple(float(each) for each in span) for name, span in numbers.items()}
-    if len(found) != 1:
-        raise MethodError(f"a branch is followed in one number, but {len(found)} are given")
-    for name, span in found.items():
-        if len(span) != 2 or span[0] == span[1] or not np.isfinite(span).all():
-            raise MethodError(f"{name}={span}: give two different values, where it begins and ends")
-    return {name: (span[0], span[1]) for name, span in found.items()}
+def _checked(numbers: Mapping[str, tuple[float, float]]) -> tuple[str, tuple[float, float]]:
+    if len(numbers) != 1:
+        raise MethodError(f"a branch is followed in one number, but {len(numbers)} are given")
+    ((name, given),) = numbers.items()
+    span = tuple(float(each) for each in given)
+    if len(span) != 2 or span[0] == span[1] or not np.isfinite(span).all():
+        raise MethodError(f"{name}={span}: give two different values, where it begins and ends")
+    return name, (span[0], span[1])
 
 
 def _first(problem: Problem, guess: Solution | None, watch: Watch) -> Solution:

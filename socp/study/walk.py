@@ -156,6 +156,3 @@ def apart(one: Solution, other: Solution) -> float:
     horizon = other.final_time - other.initial_time
     times = [np.append(each.junctions, each.final_time) for each in (one, other)]
     return max(float(np.abs(times[0] - times[1]).max()) / horizon, ZERO)
-
-
-# -- events

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from socp.cli.commands.completing import problems
 from socp.cli.options import DEFAULT_METHOD
-from socp.cli.posing import load_posed, set_option, span_of, told_line
+from socp.cli.posing import load_posed, set_option, span_of, told_line, with_changes
 from socp.cli.progress import progress
 from socp.cli.running import made, run_method
 from socp.cli.session import (
@@ -71,7 +71,7 @@ def follow(session: Session, /, **given: Any) -> int:
         Path(given["out"]) if given["out"] else named_after(posed.name, ".follow.parquet")
     )
     rows_to_parquet([{"value": 0.0}], {})  # what is lacking is said before the work, not after it
-    first = load_posed(given["problem"], (*others, f"{name}={span[0]!r}"), registry)
+    first = with_changes(posed, (f"{name}={span[0]!r}",))
     with progress(messages(), f"{posed.name}, follow", quiet=session.quiet) as watch:
         start = _start(registry, first, given["guess"], watch)
         found = followed(posed, {name: span}, start, steps=given["steps"], watch=watch)

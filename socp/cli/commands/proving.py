@@ -1,17 +1,14 @@
 """`socp prove`: a proof in ball arithmetic that a saved extremal exists."""
 
-from collections.abc import Iterable
 from dataclasses import replace
 
 import click
-from rich.table import Table
-from rich.text import Text
 
 from socp.cli.opening import open_result, problem_missing
 from socp.cli.session import Exit, Session, heading, show, write_json
-from socp.cli.show import ladder
+from socp.cli.show import ladder, table_lines
 from socp.errors import ProblemError
-from socp.view import top_text
+from socp.view import Row, Tone, top_text
 
 _LEAST, _MOST = 64, 4096  # bits: with fewer nothing is proved, with more it takes hours
 
@@ -50,15 +47,7 @@ def prove(session: Session, /, result: str, bits: int, problem: str | None, as_j
     if as_json:
         write_json({**proof.data, "ladder": ladder(proved)})
     else:
-        show(heading(found.name, found.title), _table([*proof.lines, ("rung", top_text(proved))]))
+        lines = [*proof.lines, ("rung", top_text(proved))]
+        rows = [Row(label, (((text, Tone.PLAIN),),)) for label, text in lines]
+        show(heading(found.name, found.title), table_lines(rows))
     return Exit.SOLVED if proof.holds else Exit.UNSOLVED
-
-
-def _table(lines: Iterable[tuple[str, str]]) -> Table:
-    """Return what was proved, or what was not, a line a thing."""
-    table = Table(show_header=False, box=None, pad_edge=False)
-    table.add_column(style="bold", no_wrap=True)
-    table.add_column(overflow="fold")
-    for label, text in lines:
-        table.add_row(label, Text(text))
-    return table

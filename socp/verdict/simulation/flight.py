@@ -5,7 +5,7 @@ The plant is a problem, and a disturbance is one too: that with other rates. So 
 integrated and measured as the judge does it.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from socp.errors import MethodError, ProblemError
-from socp.model import Arc, Problem, Solution, Stop, known_problem, parameters_of
+from socp.model import Arc, Mode, Problem, Solution, Stop, known_problem, parameters_of
 from socp.verdict.certify import with_statement
 from socp.verdict.motion import Control, Log, Piece, piece_of_law, pieces_in_time, travel
 from socp.verdict.reintegration import measured
@@ -121,7 +121,7 @@ def _by_name(plant: Problem, given: Mapping[Any, Any]) -> dict[str, Any]:
 
 def _arcs(solution: Solution, log: Log) -> list[Arc]:
     """Return the points looked at as arcs, one a piece, with what they follow as modes."""
-    unknown: Sequence[str] = ["*"] * len(solution.control_names)
+    unknown = (Mode.parse("*"),) * len(solution.control_names)
     cuts = [*log.begun, len(log.t)]
     found = []
     for first, last in pairwise(cuts):
@@ -137,7 +137,7 @@ def _arcs(solution: Solution, log: Log) -> list[Arc]:
                 costate=np.full(x.shape, np.nan),
                 mesh=np.arange(t.size),
                 side="both",
-                modes=tuple(unknown),  # type: ignore[arg-type]  # an arc reads what words spell
+                modes=unknown,
             )
         )
     return found
