@@ -13,9 +13,9 @@ from socp.cli import main
 from socp.cli.commands.advising import advice
 from socp.cli.commands.solving import solve
 from socp.model.findings import Verdict
-from socp.registry import Registry
+from socp.registry import Registry, load_problem
 
-x, v = states("x v")
+x = states("x")
 u = controls("u")
 FILE = """
 from socp import Problem, controls, states
@@ -35,16 +35,12 @@ OPTIONS = {"steps": 100, "seconds": 60.0, "max_switches": 6}
 
 
 @pytest.fixture(scope="module")
-def rough() -> Solution:
-    problem = Problem(
-        name="rest",
-        running=x**2,
-        dynamics={x: v, v: u},
-        bounds={u: (-1, 1)},
-        start={x: 1, v: 0},
-        final_time=4,
-    )
-    return run(Registry.load().method("euler-ipopt")(steps=40), problem, default_guess(problem))
+def rough(tmp_path_factory: pytest.TempPathFactory) -> Solution:
+    path = tmp_path_factory.mktemp("rough") / "rest.py"
+    path.write_text(FILE)
+    registry = Registry.load()
+    problem = load_problem(str(path), registry)
+    return run(registry.method("euler-ipopt")(steps=40), problem, default_guess(problem))
 
 
 def by_auto(solution: Solution, verdict: Verdict, seconds: float = 5.0) -> Solution:

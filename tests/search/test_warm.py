@@ -6,29 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ponds import POND, u, x
 
 from socp import solve
 from socp.errors import MethodError, SocpError, SolveError
 from socp.methods import default_guess
-from socp.model import Problem, Solution, Stop, constants, controls, final_time, states
+from socp.model import Problem, Solution, Stop, constants, final_time, states
 from socp.search import Search
 from socp.search.warm import warm_start
 
 NEWTON = "Newton on the conditions of the guess's word"
-x, v = states("x v")
-u = controls("u")
-level, rate = constants(level=0.25, rate=1)
-# x' = u, |u| <= rate, integral of (x - level)^2 from 1 to 1 in T = 4: down to the level at
-# (1 - level) / rate, along it, and up again; the objective is 2/3 (1 - level)^3 / rate
-POND = Problem(
-    name="pond",
-    running=(x - level) ** 2,
-    dynamics={x: u},
-    bounds={u: (-rate, rate)},
-    start={x: 1},
-    end={x: 1},
-    final_time=4,
-)
+v = states("v")
 
 
 @pytest.fixture(scope="module")

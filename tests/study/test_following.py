@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 from casadi import cos
+from ponds import POND, rate, u, x
 
 from socp.errors import MethodError, ProblemError, SolveError
 from socp.model import (
     Problem,
     Progress,
     Solution,
-    constants,
-    controls,
     final_time,
     states,
     time,
@@ -25,20 +24,7 @@ from socp.registry import solve
 from socp.study import Branch, Point, follow
 from socp.study.walk import predicted
 
-x, v = states("x v")
-u = controls("u")
-level, rate = constants(level=0.25, rate=1)
-# x' = u, |u| <= rate, integral of (x - level)^2 from 1 to 1 in T: down to the level, along it, and
-# up again; there is no time for the level where T <= 2 (1 - level) / rate
-POND = Problem(
-    name="pond",
-    running=(x - level) ** 2,
-    dynamics={x: u},
-    bounds={u: (-rate, rate)},
-    start={x: 1},
-    end={x: 1},
-    final_time=4,
-)
+v = states("v")
 # rest to rest over 10, |u| <= 1: the speed has its peak sqrt(10) half way
 REST = Problem(
     name="rest",
