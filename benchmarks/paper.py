@@ -136,7 +136,7 @@ def second_table(registry: Registry, problem: Problem, factor: int) -> tuple[str
             [
                 f"`{name}` ({given})",
                 f"{solution.objective:.9f}",
-                str(solution.iterations),
+                str(solution.effort.iterations),
                 f"{spent:.2f}",
                 title,
                 str(size),

@@ -88,7 +88,7 @@ class Auto(Method):
         own = {name: found.seconds.get(name, 0.0) for name in ("build", "solve")}
         seconds = {"search": time.perf_counter() - began - sum(own.values()), **own}
         found = with_starts(found, search)
-        return replace(found, seconds=seconds, nodes=tuple(search.nodes))
+        return found.with_effort(seconds=seconds, nodes=tuple(search.nodes))
 
     def _searched(
         self, problem: Problem, guess: Solution, known: tuple[Search, list[Solution]], watch: Watch

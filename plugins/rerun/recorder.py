@@ -200,7 +200,7 @@ class Recorder:
                 "objective": first.objective,
             }
             about |= {"word": one_line(first.word), "extremal": str(first.extremal)}
-            about |= {f"version {k}": one_line(v) for k, v in first.versions.items()}
+            about |= {f"version {k}": one_line(v) for k, v in first.origin.versions.items()}
         self.stream.send_property(
             "socp", rr.AnyValues(**{key.replace(" ", "_"): value for key, value in about.items()})
         )

@@ -63,7 +63,7 @@ def problem_missing(solution: "Solution") -> str:
     """Return why a saved result is without a problem, and what to do."""
     from socp.model import quotation
 
-    reason = f" ({quotation(solution.unstated)})" if solution.unstated else ""
+    reason = f" ({quotation(solution.origin.unstated)})" if solution.origin.unstated else ""
     lacking = f"the result carries no statement of its problem '{solution.problem}'{reason}"
     return f"{lacking}, and no such problem is registered; give --problem FILE"
 

@@ -45,7 +45,7 @@ def facts(problem: "Problem", solution: "Solution") -> dict[str, Any]:
         ],
         "starts": None if solution.starts is None else asdict(solution.starts),
         "verdict": None if solution.verdict is None else plain(solution, solution.verdict),
-        "iterations": solution.iterations,
+        "iterations": solution.effort.iterations,
         "seconds": solution.seconds,
         "reference": None if none else to_reference(problem, solution),
     }

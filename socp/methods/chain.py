@@ -5,7 +5,6 @@ certify.
 import platform
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
 from importlib import metadata
 from typing import Any
 
@@ -43,8 +42,8 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
             raise
     with signals_held():  # what has been solved is not lost for want of a judgement
         solution = check_solution(method.name, problem, solved[0])
-        solution = replace(
-            solution, method=method.name, options=option_values(method), versions=versions()
+        solution = solution.with_origin(
+            method=method.name, options=option_values(method), versions=versions()
         )
         solution = with_statement(problem, solution)
         for step in (judge, with_second_order):

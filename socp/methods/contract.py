@@ -180,9 +180,7 @@ def _attempt(
     transcribed = time.perf_counter() - began
     point = backend(reduced.problem, start, lifting_watch(watch, reduced))
     solution = reduced.lift(point)
-    return replace(
-        solution, seconds={**point.seconds, "build": point.seconds.get("build", 0.0) + transcribed}
-    )
+    return solution.spent(build=point.seconds.get("build", 0.0) + transcribed)
 
 
 def lifting_watch(watch: Watch, reduced: Reduced[NLP, Solution, NLPPoint]) -> Watch:

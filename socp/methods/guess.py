@@ -13,6 +13,7 @@ from socp.laws import guessed_ends, horizon
 from socp.model import (
     Arc,
     Mode,
+    Origin,
     Problem,
     Solution,
     Stop,
@@ -83,7 +84,7 @@ def _piecewise_linear(t: np.ndarray, x: np.ndarray, u: np.ndarray, costate: np.n
 def _guess(arcs: tuple[Arc, ...], **of_problem: Any) -> Solution:
     """Return arcs as a solution that nobody solved for."""
     return Solution(
-        method="guess",
+        origin=Origin(method="guess"),
         arcs=arcs,
         objective=float("nan"),
         stop=Stop.FAILED,

@@ -52,7 +52,7 @@ def polished(
         objective=abs(cost - there.cost) / max(abs(cost), TINY),
         switches=float(np.abs(np.cumsum(moved[: 1 + len(phased.phases)])).max()),
     )
-    return replace(rejoin(finer.lifted(there.at + moved, cost), pieces), agreement=agreement)
+    return rejoin(finer.lifted(there.at + moved, cost), pieces).with_judgement(agreement=agreement)
 
 
 def limits_met(

@@ -9,7 +9,7 @@ import numpy as np
 
 from socp.model.parts import Constraint, EndCondition
 from socp.model.problem import Problem
-from socp.model.solution import Solution
+from socp.model.result.solution import Solution
 from socp.model.symbols import Expr, final_time, initial_time, time
 from socp.model.tolerances import ROUNDED
 

@@ -6,7 +6,7 @@ from typing import Protocol, final
 
 import numpy as np
 
-from socp.model.solution import Solution
+from socp.model.result.solution import Solution
 
 
 @final

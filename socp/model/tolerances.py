@@ -9,8 +9,8 @@ leaves, what a grid can tell, or what arithmetic rounds away. Figures of one rea
 
 # against division by zero: far below any size, and its inverse is still a float
 TINY = 1e-300
-# of a span of time: nearer than this rounding alone tells two nodes apart (`model.arc`, the judge's
-# polynomials)
+# of a span of time: nearer than this rounding alone tells two nodes apart (`model.result.arc`, the
+# judge's polynomials)
 ROUNDED = 1e-15
 # of a horizon, or of the arc a time lies in: two times as near are one, and a stretch as short is a
 # point. Solvers place a junction to 1e-11 of the horizon, so nothing that is meant is lost (kinks,

@@ -6,7 +6,7 @@ the same.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import dataclass, is_dataclass
 from typing import Any, final
 
 import casadi
@@ -279,7 +279,7 @@ def _accuracy(
 
 def _file(method: Method, solution: Solution) -> Iterator[tuple[str, str]]:
     try:
-        text = to_json(replace(solution, method=method.name, options=option_values(method)))
+        text = to_json(solution.with_origin(method=method.name, options=option_values(method)))
         if to_json(from_json(text)) != text:
             yield "file", "the result file does not read back as it was written"
     except (SocpError, ValueError, TypeError) as error:

@@ -87,7 +87,7 @@ def with_starts(solution: Solution, search: Search) -> Solution:
         extremals=tuple(Met(objective=each.objective, word=each.word) for each in others),
         better=better.reached if better is not None and clearly(better, solution) else None,
     )
-    return replace(solution, starts=starts)
+    return solution.with_effort(starts=starts)
 
 
 def _one(one: Solution, other: Solution) -> bool:
@@ -268,7 +268,7 @@ def _stated(solution: Solution) -> float:
 
 
 def _verified(problem: Problem, solution: Solution) -> Solution:
-    return replace(solution, verified=verify(problem, solution))
+    return solution.with_judgement(verified=verify(problem, solution))
 
 
 @final

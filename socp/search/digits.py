@@ -114,7 +114,7 @@ def _compared(
         if finer.stop is Stop.INTERRUPTED:
             return replace(best, stop=Stop.INTERRUPTED, message=finer.message)
         judged = (
-            certified(problem, replace(finer.after(last), agreement=apart(last, finer)))
+            certified(problem, finer.after(last).with_judgement(agreement=apart(last, finer)))
             if finer.stop.ok
             else finer
         )
@@ -145,5 +145,5 @@ def agrees(solution: Solution, digits: int) -> bool:
 
 
 def _worse(solution: Solution) -> float:
-    found, horizon = solution.agreement, solution.final_time - solution.initial_time
+    found, horizon = solution.judgement.agreement, solution.final_time - solution.initial_time
     return np.inf if found is None else max(found.objective, found.switches / horizon)

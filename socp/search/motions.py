@@ -30,7 +30,7 @@ def _own(direct: Solution, problem: Problem) -> Solution:
     if found is not direct:
         told = f"the objective is that of its own control, its grid claims {direct.objective:.8g}"
         found = replace(found, message="; ".join(filter(None, (direct.message, told))))
-    return replace(found, verified=verify(problem, found))
+    return found.with_judgement(verified=verify(problem, found))
 
 
 def _held(arc: Arc) -> Arc:

@@ -7,7 +7,7 @@ import numpy as np
 
 from socp.errors import MethodError
 from socp.methods import limits_met, polished, sound
-from socp.model import SHORTEST, Problem, Solution, Stop, Watch, known_problem, silent
+from socp.model import SHORTEST, Origin, Problem, Solution, Stop, Watch, known_problem, silent
 from socp.search.effort import Ration, Search
 from socp.search.neighbours import word_of
 from socp.search.refinement import try_words
@@ -88,7 +88,6 @@ def continued(
 def _unjudged(problem: Problem, guess: Solution) -> Solution:
     """Return a guess as a solution of a problem, without what was said of it elsewhere."""
     return Solution(
-        method=guess.method,
         problem=problem.name,
         arcs=guess.arcs,
         objective=guess.objective,
@@ -97,6 +96,7 @@ def _unjudged(problem: Problem, guess: Solution) -> Solution:
         state_names=guess.state_names,
         control_names=guess.control_names,
         parameters=guess.parameters,
+        origin=Origin(method=guess.method),
     )
 
 

@@ -49,7 +49,8 @@ def explore(problem: Problem, number: int, watch: Watch = silent) -> Outcome:
     if found is not None:
         if independent(problem) is not problem:
             found = judge(problem, found)
-        found = replace(found, method="census", seconds={"start": time.perf_counter() - began})
+        found = found.with_origin(method="census")
+        found = found.with_effort(seconds={"start": time.perf_counter() - began})
     return Outcome(number, here.about, found, error)
 
 
@@ -70,7 +71,7 @@ def _explored(
         if found is None:
             continue
         _go_on(found)
-        found = replace(found, nodes=tuple(search.nodes))
+        found = found.with_effort(nodes=tuple(search.nodes))
         if found.extremal:
             return found, ""
         if (

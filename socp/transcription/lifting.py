@@ -9,7 +9,7 @@ import casadi
 import numpy as np
 
 from socp.errors import MethodError
-from socp.model import Arc, Expr, Problem, Solution, time
+from socp.model import Arc, Effort, Expr, Problem, Solution, time
 from socp.solvers import NLPPoint
 from socp.transcription.mesh import Table
 from socp.transcription.phases import Phase, PhasedProblem
@@ -168,7 +168,6 @@ def lift(layout: Layout, point: NLPPoint) -> Solution:
     arcs = tuple(_arc(layout, point, k) for k in range(len(layout.tables)))
     return Solution(
         problem=problem.name,
-        method="",
         arcs=arcs,
         objective=point.objective,
         stop=point.stop,
@@ -176,9 +175,7 @@ def lift(layout: Layout, point: NLPPoint) -> Solution:
         state_names=problem.state_names,
         control_names=problem.control_names,
         parameters=dict(zip(problem.parameter_names, p.tolist(), strict=True)),
-        iterations=point.iterations,
-        seconds=point.seconds,
-        trace=point.trace,
+        effort=Effort(iterations=point.iterations, seconds=point.seconds, trace=point.trace),
     )
 
 

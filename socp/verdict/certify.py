@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -232,7 +233,7 @@ def graded(problem: Problem, solution: Solution) -> Solution:
     with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError, ValueError, ArithmeticError):
         verdict = replace(verdict, grade=grade(problem, solution))
     spent = solution.seconds.get("judge", 0.0) + time.perf_counter() - began
-    return replace(solution, verdict=verdict, seconds={**solution.seconds, "judge": spent})
+    return solution.with_judgement(verdict=verdict).spent(judge=spent)
 
 
 def certified(problem: Problem, solution: Solution) -> Solution:
@@ -241,20 +242,21 @@ def certified(problem: Problem, solution: Solution) -> Solution:
     It is verified against all end conditions, and certified with multipliers of those that do not
     follow from others by what motions conserve: those of the rest are any.
     """
-    solution = replace(with_statement(problem, solution), proofs=())  # those are of what was judged
+    # what was proved, was proved of what was judged before
+    solution = with_statement(problem, solution).with_judgement(proofs=())
     stated, problem = completed(problem), independent(problem)
     values = [each for arc in solution.arcs for each in (arc.x, arc.u)]
     values.append(np.array(list(solution.parameters.values()), dtype=float))
     if not all(np.isfinite(each).all() for each in values):
         verdict = Verdict(miss=float("inf"), notes=("the solution is not finite",))
-        return replace(solution, verified=(), verdict=verdict)
+        return solution.with_judgement(verified=(), verdict=verdict)
     began = time.perf_counter()
     with np.errstate(
         all="ignore"
     ):  # what overflows is infinite or nan, and no condition holds with either
-        solution = replace(solution, structure=structure_of(problem, solution))
+        solution = solution.with_judgement(structure=structure_of(problem, solution))
         learn(problem, solution)
-        solution = replace(solution, verified=verify(stated, solution))
+        solution = solution.with_judgement(verified=verify(stated, solution))
     integrated = time.perf_counter()
     try:
         with np.errstate(all="ignore"):
@@ -263,14 +265,17 @@ def certified(problem: Problem, solution: Solution) -> Solution:
         worst = max(solution.verified, key=lambda f: f.off)
         notes = (f"the principle could not be judged: {error}",)
         verdict, arcs = Verdict(miss=worst.off, miss_at=worst.off_at, notes=notes), solution.arcs
-    verdict = sharpened(problem, replace(solution, arcs=arcs, verdict=verdict)) or verdict
+    solution = replace(solution, arcs=arcs).with_judgement(verdict=verdict)
+    if sharper := sharpened(problem, solution):
+        solution = solution.with_judgement(verdict=sharper)
     seconds = {"verify": integrated - began, "judge": time.perf_counter() - integrated}
-    return replace(solution, arcs=arcs, verdict=verdict, seconds={**solution.seconds, **seconds})
+    return solution.spent(**seconds)
 
 
 def with_statement(problem: Problem, solution: Solution) -> Solution:
     """Return a solution that carries the statement of its problem, or the reason why it cannot."""
     try:
-        return replace(solution, problem=problem.name, statement=problem.statement, unstated="")
+        said: dict[str, Any] = {"statement": problem.statement, "unstated": ""}
     except ProblemError as error:
-        return replace(solution, problem=problem.name, statement=None, unstated=str(error))
+        said = {"statement": None, "unstated": str(error)}
+    return replace(solution, problem=problem.name).with_origin(**said)

@@ -177,7 +177,8 @@ def moved(problem: Problem, solution: Solution) -> Solution:
         return solution
     states = np.split(x, ends[:-1], axis=1)
     arcs = tuple(replace(arc, x=own) for arc, own in zip(solution.arcs, states, strict=True))
-    return replace(solution, arcs=arcs, objective=seen.objective, verified=(), verdict=None)
+    found = replace(solution, arcs=arcs, objective=seen.objective)
+    return found.with_judgement(verified=(), verdict=None)
 
 
 def _verify(

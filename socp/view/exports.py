@@ -40,7 +40,7 @@ def attributes(solution: "Solution") -> dict[str, Any]:
         "initial_time": solution.initial_time,
         "final_time": solution.final_time,
         "options": json.dumps(dict(solution.options)),
-        "versions": json.dumps(dict(solution.versions)),
+        "versions": json.dumps(dict(solution.origin.versions)),
         "extremal": {None: "not judged", True: "yes", False: "no"}[solution.extremal],
         "rung": rung_of(solution).name if solution.verdict else "",
     }

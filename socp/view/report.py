@@ -73,7 +73,7 @@ def solution_rows(
     if problem is not None and not infeasible(solution):
         rows.append(_row("reference", _reference(to_reference(problem, solution))))
     rows.append(_row("starts", starts_lines(solution.starts)))
-    rows.append(_row("iterations", [str(solution.iterations)]))
+    rows.append(_row("iterations", [str(solution.effort.iterations)]))
     parts = " + ".join(f"{name} {value:.2f}" for name, value in solution.seconds.items())
     total = f"{sum(solution.seconds.values()):.2f} ({parts})"
     rows.append(_row("seconds", [total] if solution.seconds else []))
@@ -198,7 +198,7 @@ def agreed_digits(solution: "Solution") -> list[str]:
     """
     from socp.model import digits_of
 
-    found, verdict = solution.agreement, solution.verdict
+    found, verdict = solution.judgement.agreement, solution.verdict
     if found is None:
         return []
     left, errors = found.digits, [found.switches]

@@ -2,17 +2,17 @@
 
 import json
 import shlex
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from records import revised
 
 from socp import Problem, Solution, controls, default_guess, run, states
 from socp.cli import main
 from socp.cli.commands.advising import advice
 from socp.cli.commands.solving import solve
-from socp.model.findings import Verdict
+from socp.model.result.findings import Verdict
 from socp.registry import Registry, load_problem
 
 x = states("x")
@@ -45,7 +45,7 @@ def rough(tmp_path_factory: pytest.TempPathFactory) -> Solution:
 
 def by_auto(solution: Solution, verdict: Verdict, seconds: float = 5.0) -> Solution:
     spent = {"search": seconds}
-    return replace(solution, method="auto", options=OPTIONS, seconds=spent, verdict=verdict)
+    return revised(solution, method="auto", options=OPTIONS, seconds=spent, verdict=verdict)
 
 
 def test_a_command_says_what_why_and_what_next(

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from carts import FILE
+from records import older
 
 from socp.cli import main
 
@@ -80,8 +81,7 @@ def test_refusals(
 ) -> None:
     main(["solve", "cart.py", "-m", "euler-ipopt", "-o", "steps=10"])
     document = json.loads(Path("cart.socp.json").read_text())
-    old = {name: value for name, value in document.items() if name not in {"statement", "unstated"}}
-    Path("old.json").write_text(json.dumps({**old, "schema": 1}))
+    Path("old.json").write_text(json.dumps(older(document)))
     capsys.readouterr()
     assert main(arguments) == code
     err = capsys.readouterr().err

@@ -13,6 +13,7 @@ import casadi
 import pytest
 from carts import FILE, Command, Said
 from conftest import PLUGIN, Install
+from records import revised
 
 from socp import controls, states
 from socp.cli import main
@@ -605,8 +606,8 @@ def test_a_narrow_terminal_gets_the_table_turned(
 def test_the_best_is_the_lowest_of_the_feasible_or_else_the_most_feasible() -> None:
     from dataclasses import replace
 
-    from socp.model.findings import Feasibility
-    from socp.model.solution import Stop
+    from socp.model.result.findings import Feasibility
+    from socp.model.result.solution import Stop
     from socp.registry.standard import regulator
 
     guess = replace(default_guess(regulator().problem), stop=Stop.SOLVED)
@@ -615,7 +616,7 @@ def test_the_best_is_the_lowest_of_the_feasible_or_else_the_most_feasible() -> N
         found = Feasibility(
             miss=miss, miss_at="x", path=0.0, path_at="", box=0.0, drift=0.0, feedback=False
         )
-        return Row("m", replace(guess, objective=objective, verified=(found,)))
+        return Row("m", revised(guess, objective=objective, verified=(found,)))
 
     assert best_of([row(1.0, 1e-3), row(3.0, 1e-9), row(2.0, 1e-8)]) == 2.0
     assert best_of([row(1.0, 1e-2), row(3.0, 1e-4)]) == 3.0
@@ -688,7 +689,7 @@ def test_ctrl_c_ends_the_solver_and_writes_its_last_iterate(tmp_path: Path) -> N
     assert process.returncode == 130
     assert "the solve was interrupted; this is its last iterate" in out
     assert err.endswith("interrupted: the last iterate is in auv.socp.json\n")
-    assert load(tmp_path / "auv.socp.json").iterations < 20
+    assert load(tmp_path / "auv.socp.json").effort.iterations < 20
 
 
 @pytest.mark.parametrize("moment", ["socp.cli.app.socp.main", "socp.methods.run"])

@@ -25,6 +25,7 @@ import numpy as np
 import pytest
 from carts import FILE, Command, Said, cart, u
 from conftest import PLUGIN, Install
+from records import revised
 
 from socp import Method, Problem, Solution, default_guess, run, single_phase
 from socp.cli import main
@@ -33,7 +34,7 @@ from socp.cli.locking import locked
 from socp.errors import ContractError
 from socp.methods import Scouted
 from socp.model.data.files import load, save, to_json
-from socp.model.solution import Stop
+from socp.model.result.solution import Stop
 from socp.process import interruption
 from socp.registry.loading import load_file
 from socp.registry.plugins import Registry
@@ -289,11 +290,11 @@ def test_a_later_press_is_heard_again(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def other(certified: Solution, kind: str) -> Solution:
     """Return another result of the cart."""
-    rough = replace(certified, verdict=replace(certified.verdict, miss=0.5))
+    rough = revised(certified, verdict=replace(certified.verdict, miss=0.5))
     return {
         "interrupted": replace(rough, stop=Stop.INTERRUPTED),
         "uncertified": rough,
-        "unverified": replace(certified, verdict=None),
+        "unverified": revised(certified, verdict=None),
         "worse": replace(certified, objective=certified.objective + 1.0),
         "equal": certified,
         "better": replace(certified, objective=certified.objective - 1.0),
@@ -581,7 +582,9 @@ def test_a_limit_of_memory_ends_with_a_message(tmp_path: Path) -> None:
 
 ALTERED: dict[str, Callable[[dict[str, Any]], object]] = {
     "the objective": lambda kept: kept["result"].update(objective=1.0),
-    "the verdict": lambda kept: kept["result"]["verdict"].update(miss=0.0, findings=[]),
+    "the verdict": lambda kept: kept["result"]["judgement"]["verdict"].update(
+        miss=0.0, findings=[]
+    ),
     "a state": lambda kept: kept["result"]["arcs"][0]["x"][0].__setitem__(1, 0.125),
     "the number of the start": lambda kept: kept.update(start=1),
     "the error": lambda kept: kept.update(error="", result=None),
@@ -808,7 +811,7 @@ def test_a_listener_cannot_alter_the_solution(certified: Solution) -> None:
         with pytest.raises(ValueError, match="read-only"):
             values[...] = 0.0
     copied.seconds["solve"] = 1e9  # type: ignore[index]
-    copied.trace.clear()  # type: ignore[attr-defined]
+    copied.effort.trace.clear()  # type: ignore[attr-defined]
     assert to_json(certified) == text
 
 

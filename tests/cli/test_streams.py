@@ -22,6 +22,7 @@ import pytest
 from carts import FILE, Said
 from hypothesis import given
 from hypothesis import strategies as st
+from records import revised
 
 from socp import Ipopt, Problem, controls, final_time, states
 from socp.cli import main
@@ -30,8 +31,8 @@ from socp.cli.session import named_after, writable
 from socp.cli.streams import Descriptor, parted
 from socp.errors import MethodError, ProblemError, SolveError
 from socp.model.data.files import load
-from socp.model.findings import Condition, Node, Place
-from socp.model.solution import Stop
+from socp.model.result.findings import Condition, Node, Place
+from socp.model.result.solution import Stop
 from socp.process import write_atomic
 from socp.process.output import output_discarded
 from socp.process.text import file_stem, markdown, markdown_code, one_line, printable
@@ -630,7 +631,7 @@ def test_recordings_and_notebooks_show_text_as_it_is(socp: Command) -> None:
     )
     verdict = replace(plain.verdict, findings=(finding,), notes=(STEERING,))
     node = Node(word=STEERING, stop=STEERING, objective=1.0, bound=0.0, miss=0.0, residual=0.0)
-    solution = replace(
+    solution = revised(
         plain,
         problem=STEERING,
         method=STEERING,
@@ -720,7 +721,7 @@ def test_a_result_names_no_file_to_run(socp: Command) -> None:
     socp(*SOLVE)
     Path("evil.py").write_text("open('ran', 'w')\n" + FILE)
     document = json.loads(Path("cart.socp.json").read_text())
-    del document["statement"]  # as in results of version 0.1
+    del document["origin"]["statement"]  # as in results of version 0.1
     text = json.dumps(document)
     for name in ("evil.py", "evil.py:problem", "./evil.py", str(Path("evil.py").absolute())):
         Path("cart.socp.json").write_text(text.replace('"cart"', json.dumps(name)))

@@ -33,10 +33,11 @@ from socp.cli.session import Exit
 from socp.methods.chain import run
 from socp.methods.contract import Method, options
 from socp.methods.guess import default_guess
-from socp.model.arc import Arc
-from socp.model.findings import Feasibility, Verdict
 from socp.model.problem import Problem
-from socp.model.solution import Solution, Stop
+from socp.model.result.arc import Arc
+from socp.model.result.findings import Feasibility, Verdict
+from socp.model.result.records import Effort, Judgement, Origin
+from socp.model.result.solution import Solution, Stop
 from socp.model.symbols import final_time
 from socp.registry.plugins import Registry
 
@@ -262,7 +263,15 @@ def test_commands_page_lists_every_command_with_its_options() -> None:
 
 @pytest.mark.parametrize(
     ("record", "heading"),
-    [(Solution, "Fields"), (Arc, "Arcs"), (Feasibility, "Feasibility"), (Verdict, "Verdict")],
+    [
+        (Solution, "Fields"),
+        (Effort, "Effort"),
+        (Judgement, "Judgement"),
+        (Origin, "Origin"),
+        (Arc, "Arcs"),
+        (Feasibility, "Feasibility"),
+        (Verdict, "Verdict"),
+    ],
 )
 def test_results_page_lists_every_field(record: type[Any], heading: str) -> None:
     rows = table(ROOT / "docs" / "results.md", heading)

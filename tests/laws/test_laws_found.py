@@ -24,7 +24,7 @@ from socp.laws.setting import contact
 from socp.methods.chain import run
 from socp.methods.guess import default_guess, guess_of
 from socp.model.problem import Problem
-from socp.model.solution import Solution
+from socp.model.result.solution import Solution
 from socp.model.symbols import controls, final_time, states
 from socp.model.word import Mode
 from socp.registry.plugins import Registry

@@ -14,7 +14,7 @@ from socp_problems.auv import problem as auv
 from socp.methods.guess import default_guess, guess_along, guess_of, split
 from socp.model import Mode
 from socp.model.problem import Problem
-from socp.model.solution import Solution
+from socp.model.result.solution import Solution
 from socp.model.symbols import final_time, initial_time, parameters, time
 from socp.model.word import Word
 from socp.registry.plugins import Registry

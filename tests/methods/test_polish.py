@@ -21,9 +21,9 @@ from socp import (
 from socp.methods.guess import split
 from socp.methods.polish import polished
 from socp.methods.solving import Follower
-from socp.model.arc import Arc, join
 from socp.model.data.files import from_json, to_json
-from socp.model.solution import Solution
+from socp.model.result.arc import Arc, join
+from socp.model.result.solution import Solution
 from socp.model.symbols import time
 from socp.registry.plugins import Registry
 from socp.registry.standard import STANDARD, minimum_time, speed_limit
@@ -216,8 +216,8 @@ def test_newton_settles_on_the_closed_form(standard: object) -> None:
     found = polished(problem, solution)
     assert found is not None
     assert found.objective == pytest.approx(standard.objective, abs=2e-14)  # type: ignore[attr-defined]
-    assert found.agreement is not None
-    assert found.agreement.objective < 1e-13
+    assert found.judgement.agreement is not None
+    assert found.judgement.agreement.objective < 1e-13
     assert judge(problem, found).extremal
 
 
@@ -266,11 +266,11 @@ def test_shooting_reproduces_the_collocated_motion() -> None:
 def test_digits_come_from_two_computations() -> None:
     problem = REGISTRY.problem("jacobson_1")
     solution = run(REGISTRY.method("auto")(digits=12), problem, default_guess(problem))
-    assert solution.agreement is not None
+    assert solution.judgement.agreement is not None
     assert agrees(solution, 12)
-    assert solution.agreement.digits >= 12
+    assert solution.judgement.agreement.digits >= 12
     assert abs(solution.objective / problem.reference.objective - 1) < 1e-12
-    assert from_json(to_json(solution)).agreement == solution.agreement
+    assert from_json(to_json(solution)).judgement.agreement == solution.judgement.agreement
 
 
 def test_meshes_are_compared_where_newton_does_not_settle(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -278,10 +278,10 @@ def test_meshes_are_compared_where_newton_does_not_settle(monkeypatch: pytest.Mo
     problem = minimum_time().problem
     solution = along(problem, "u: - +", [1.0, 1.0])
     found = with_agreement(problem, solution, 9, Ipopt({"tol": 1e-11}))
-    assert found.agreement is not None
+    assert found.judgement.agreement is not None
     assert found.extremal
     assert agrees(found, 9)
-    assert len(found.meshes) > len(solution.meshes)
+    assert len(found.effort.meshes) > len(solution.effort.meshes)
 
 
 def test_solutions_that_differ_are_said_to() -> None:

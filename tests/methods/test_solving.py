@@ -9,7 +9,7 @@ from carts import cart
 
 from socp.methods.guess import guess_of
 from socp.methods.solving import kept_in_box
-from socp.model.solution import Solution, Stop
+from socp.model.result.solution import Solution, Stop
 
 problem = cart()
 

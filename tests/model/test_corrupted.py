@@ -120,11 +120,17 @@ RECORDS: tuple[Path_, ...] = (
     (),
     ("arcs", 0),
     ("arcs", 1),
-    ("verdict",),
-    ("verdict", "findings", 0),
-    ("verified", 0),
-    ("statement",),
-    ("statement", "about"),
+    (
+        "judgement",
+        "verdict",
+    ),
+    ("judgement", "verdict", "findings", 0),
+    ("judgement", "verified", 0),
+    (
+        "origin",
+        "statement",
+    ),
+    ("origin", "statement", "about"),
 )
 
 
@@ -137,6 +143,9 @@ def fields(record: Path_) -> tuple[str, ...]:
     last = next((key for key in reversed(record) if isinstance(key, str)), "")
     kinds: dict[str, Any] = {
         "": schema.Result,
+        "effort": schema.Effort,
+        "judgement": schema.Judgement,
+        "origin": schema.Origin,
         "arcs": schema.Arc,
         "verdict": schema.Verdict,
         "findings": schema.Finding,
@@ -189,7 +198,10 @@ NUMBERS, LIMITS = {"-1", "1e308", "2.5"}, {"-1", "2.5"}
 TYPES: dict[Path_, set[str]] = {
     ("schema",): set(),
     ("problem",): set(),
-    ("method",): {"text"},
+    (
+        "origin",
+        "method",
+    ): {"text"},
     ("arcs",): set(),
     ("arcs", 0): set(),
     ("arcs", 0, "t"): set(),
@@ -216,53 +228,89 @@ TYPES: dict[Path_, set[str]] = {
     ("control_names",): set(),
     ("control_names", 0): set(),
     ("parameters",): {"table"},
-    ("options",): {"table"},
-    ("versions",): {"table"},
-    ("versions", "socp"): {"text"},
-    ("iterations",): set(),
-    ("seconds",): {"table"},
-    ("seconds", "solve"): {"null", *NUMBERS},
-    ("trace",): {"table"},
-    ("trace", "objective"): {"list"},
-    ("structure",): {"table"},
-    ("structure", "u"): set(),
-    ("structure", "u", 0): set(),
-    ("structure", "u", 0, 0): set(),
-    ("structure", "u", 0, 1): {"-1"},
-    ("verified",): {"list"},
-    ("verified", 0): set(),
-    ("verified", 0, "miss"): {"null", *NUMBERS},
-    ("verified", 0, "miss_at"): {"text"},
-    ("verified", 0, "feedback"): {"true"},
-    ("verified", 0, "end"): {"list"},
-    ("verdict",): {"null"},
-    ("verdict", "findings"): {"list"},
-    ("verdict", "digits"): set(),
-    ("verdict", "margins"): {"table"},
-    ("verdict", "switch_errors"): {"list"},
-    ("nodes",): {"list"},
-    ("meshes",): {"list"},
-    ("agreement",): {"null"},
+    (
+        "origin",
+        "options",
+    ): {"table"},
+    (
+        "origin",
+        "versions",
+    ): {"table"},
+    ("origin", "versions", "socp"): {"text"},
+    (
+        "effort",
+        "iterations",
+    ): set(),
+    (
+        "effort",
+        "seconds",
+    ): {"table"},
+    ("effort", "seconds", "solve"): {"null", *NUMBERS},
+    (
+        "effort",
+        "trace",
+    ): {"table"},
+    ("effort", "trace", "objective"): {"list"},
+    (
+        "judgement",
+        "structure",
+    ): {"table"},
+    ("judgement", "structure", "u"): set(),
+    ("judgement", "structure", "u", 0): set(),
+    ("judgement", "structure", "u", 0, 0): set(),
+    ("judgement", "structure", "u", 0, 1): {"-1"},
+    (
+        "judgement",
+        "verified",
+    ): {"list"},
+    ("judgement", "verified", 0): set(),
+    ("judgement", "verified", 0, "miss"): {"null", *NUMBERS},
+    ("judgement", "verified", 0, "miss_at"): {"text"},
+    ("judgement", "verified", 0, "feedback"): {"true"},
+    ("judgement", "verified", 0, "end"): {"list"},
+    (
+        "judgement",
+        "verdict",
+    ): {"null"},
+    ("judgement", "verdict", "findings"): {"list"},
+    ("judgement", "verdict", "digits"): set(),
+    ("judgement", "verdict", "margins"): {"table"},
+    ("judgement", "verdict", "switch_errors"): {"list"},
+    (
+        "effort",
+        "nodes",
+    ): {"list"},
+    (
+        "effort",
+        "meshes",
+    ): {"list"},
+    (
+        "judgement",
+        "agreement",
+    ): {"null"},
     ("extremal",): {"null", "true"},
     ("word",): {"text"},
     ("switches",): {"list"},
-    ("unstated",): {"text"},
-    ("statement", "name"): set(),
-    ("statement", "states"): set(),
-    ("statement", "nodes"): set(),
-    ("statement", "nodes", 0): set(),
-    ("statement", "bounds"): set(),
-    ("statement", "bounds", "u"): set(),
-    ("statement", "start", "x", 0): set(),
-    ("statement", "dynamics"): set(),
-    ("statement", "dynamics", "x"): set(),
-    ("statement", "final_time"): set(),
-    ("statement", "fingerprint"): set(),
-    ("statement", "about"): set(),
-    ("statement", "about", "title"): {"text"},
-    ("statement", "about", "units"): {"table"},
-    ("statement", "about", "reference"): {"null"},
-    ("statement", "about", "guess"): {"table"},
+    (
+        "origin",
+        "unstated",
+    ): {"text"},
+    ("origin", "statement", "name"): set(),
+    ("origin", "statement", "states"): set(),
+    ("origin", "statement", "nodes"): set(),
+    ("origin", "statement", "nodes", 0): set(),
+    ("origin", "statement", "bounds"): set(),
+    ("origin", "statement", "bounds", "u"): set(),
+    ("origin", "statement", "start", "x", 0): set(),
+    ("origin", "statement", "dynamics"): set(),
+    ("origin", "statement", "dynamics", "x"): set(),
+    ("origin", "statement", "final_time"): set(),
+    ("origin", "statement", "fingerprint"): set(),
+    ("origin", "statement", "about"): set(),
+    ("origin", "statement", "about", "title"): {"text"},
+    ("origin", "statement", "about", "units"): {"table"},
+    ("origin", "statement", "about", "reference"): {"null"},
+    ("origin", "statement", "about", "guess"): {"table"},
 }
 # of these, what stands there is looked at: the rest is what a file says of itself
 JUDGED = {("arcs", 0, "x", 0, 3), ("arcs", 0, "u", 0, 3), ("objective",)}
@@ -500,11 +548,11 @@ UNFIT: dict[str, tuple[str, Callable[[Document], Any]]] = {
     ),
     "a title with an escape": (
         "statement.about",
-        lambda d: d["statement"]["about"].update(title="\x1b[2J"),
+        lambda d: d["origin"]["statement"]["about"].update(title="\x1b[2J"),
     ),
     "a unit with an escape": (
         "statement.about",
-        lambda d: d["statement"]["about"].update(units={d["state_names"][0]: "\x1b[2J"}),
+        lambda d: d["origin"]["statement"]["about"].update(units={d["state_names"][0]: "\x1b[2J"}),
     ),
     "an empty name": ("state_names[0]", lambda d: d["state_names"].__setitem__(0, "")),
     "another control's name": ("control_names", lambda d: d["control_names"].__setitem__(0, "z")),
@@ -516,31 +564,40 @@ UNFIT: dict[str, tuple[str, Callable[[Document], Any]]] = {
     "another problem's name": ("problem", lambda d: d.update(problem="auv")),
     "a file for a problem": ("problem", lambda d: d.update(problem="evil.py")),
     "an empty problem": ("problem", lambda d: d.update(problem="")),
-    "schema 3": ("schema: 3", lambda d: d.update(schema=3)),
+    "schema 4": ("schema: 4", lambda d: d.update(schema=4)),
     "structure of another control": (
         "structure",
-        lambda d: d.update(structure={"z": [["+", 0.0, 1.0]]}),
+        lambda d: d["judgement"].update(structure={"z": [["+", 0.0, 1.0]]}),
     ),
-    "structure of an empty row": ("structure.u", lambda d: d["structure"].update(u=[])),
-    "structure backwards": ("structure.u[0]", lambda d: d["structure"].update(u=[["+", 1.0, 0.0]])),
+    "structure of an empty row": (
+        "structure.u",
+        lambda d: d["judgement"]["structure"].update(u=[]),
+    ),
+    "structure backwards": (
+        "structure.u[0]",
+        lambda d: d["judgement"]["structure"].update(u=[["+", 1.0, 0.0]]),
+    ),
     "structure of no mode": (
         "structure.u[0]",
-        lambda d: d["structure"].update(u=[["?", 0.0, 1.0]]),
+        lambda d: d["judgement"]["structure"].update(u=[["?", 0.0, 1.0]]),
     ),
     "another start": (
         "statement.fingerprint",
-        lambda d: d["statement"]["start"].update({d["state_names"][0]: [0.5, 0.5]}),
+        lambda d: d["origin"]["statement"]["start"].update({d["state_names"][0]: [0.5, 0.5]}),
     ),
     "wider bounds": (
         "statement.fingerprint",
-        lambda d: d["statement"]["bounds"].update(u=[-9.0, 9.0]),
+        lambda d: d["origin"]["statement"]["bounds"].update(u=[-9.0, 9.0]),
     ),
-    "another rate": ("statement.fingerprint", lambda d: d["statement"]["nodes"].append(7.0)),
+    "another rate": (
+        "statement.fingerprint",
+        lambda d: d["origin"]["statement"]["nodes"].append(7.0),
+    ),
     "an operation that is none": (
         "statement.nodes",
-        lambda d: d["statement"]["nodes"].append(["system", 0]),
+        lambda d: d["origin"]["statement"]["nodes"].append(["system", 0]),
     ),
-    "another statement": ("statement", lambda d: d.update(statement={"evil": "evil.py"})),
+    "another statement": ("statement", lambda d: d["origin"].update(statement={"evil": "evil.py"})),
 }
 
 
@@ -558,29 +615,31 @@ CLAIMS: dict[str, Callable[[Document], Any]] = {
     "extremal": lambda d: d.update(extremal=False),
     "word": lambda d: d.update(word="u: -"),
     "switches": lambda d: d.update(switches=[9.0]),
-    "method": lambda d: d.update(method="evil.py"),
+    "method": lambda d: d["origin"].update(method="evil.py"),
     "message": lambda d: d.update(message="../../etc/passwd"),
-    "options": lambda d: d.update(options={"word": "evil"}),
-    "versions": lambda d: d.update(versions={"socp": "evil.py"}),
-    "seconds": lambda d: d.update(seconds={"a": -1.0}),
-    "iterations": lambda d: d.update(iterations=2**62),
+    "options": lambda d: d["origin"].update(options={"word": "evil"}),
+    "versions": lambda d: d["origin"].update(versions={"socp": "evil.py"}),
+    "seconds": lambda d: d["effort"].update(seconds={"a": -1.0}),
+    "iterations": lambda d: d["effort"].update(iterations=2**62),
     "stop": lambda d: d.update(stop="FAILED"),
-    "trace": lambda d: d.update(trace={"x": [None, "inf"]}),
-    "meshes": lambda d: d.update(meshes=[[3.0, 1.0]]),
-    "verdict": lambda d: d["verdict"].update(miss="inf", digits=0, notes=["evil.py"]),
-    "findings": lambda d: d["verdict"]["findings"][0].update(residual="inf"),
-    "no verdict": lambda d: d.update(verdict=None),
-    "verified": lambda d: d.update(verified=[]),
-    "feasibility": lambda d: d["verified"][0].update(miss="inf", error="evil"),
-    "structure": lambda d: d.update(structure={"u": [["s", 0.0, 1.0]]}),
-    "no structure": lambda d: d.update(structure={}),
+    "trace": lambda d: d["effort"].update(trace={"x": [None, "inf"]}),
+    "meshes": lambda d: d["effort"].update(meshes=[[3.0, 1.0]]),
+    "verdict": lambda d: d["judgement"]["verdict"].update(miss="inf", digits=0, notes=["evil.py"]),
+    "findings": lambda d: d["judgement"]["verdict"]["findings"][0].update(residual="inf"),
+    "no verdict": lambda d: d["judgement"].update(verdict=None),
+    "verified": lambda d: d["judgement"].update(verified=[]),
+    "feasibility": lambda d: d["judgement"]["verified"][0].update(miss="inf", error="evil"),
+    "structure": lambda d: d["judgement"].update(structure={"u": [["s", 0.0, 1.0]]}),
+    "no structure": lambda d: d["judgement"].update(structure={}),
     "costates": lambda d: each_arc(
         d, lambda arc: arc.update(costate=scaled(arc["costate"], 0.0, 7.0))
     ),
     "multipliers": lambda d: each_arc(d, lambda arc: arc.update(multipliers={})),
-    "title": lambda d: d["statement"]["about"].update(title="evil.py", source="/etc/passwd"),
-    "reference": lambda d: d["statement"]["about"].update(reference=None),
-    "agreement": lambda d: d.update(agreement={"objective": 0.0, "switches": 0.0}),
+    "title": lambda d: d["origin"]["statement"]["about"].update(
+        title="evil.py", source="/etc/passwd"
+    ),
+    "reference": lambda d: d["origin"]["statement"]["about"].update(reference=None),
+    "agreement": lambda d: d["judgement"].update(agreement={"objective": 0.0, "switches": 0.0}),
 }
 
 
@@ -756,8 +815,10 @@ def test_a_statement_that_is_no_problem_is_refused(genuine: dict[str, str], chec
     from socp.model.data import stated
 
     document = json.loads(genuine["jacobson_1"])
-    document["statement"]["bounds"]["u"] = [1.0, -1.0]
-    document["statement"]["fingerprint"] = stated.fingerprint(document["statement"])
+    document["origin"]["statement"]["bounds"]["u"] = [1.0, -1.0]
+    document["origin"]["statement"]["fingerprint"] = stated.fingerprint(
+        document["origin"]["statement"]
+    )
     said = check(document)
     assert (said.code, said.out) == (1, "")
     assert (
@@ -775,7 +836,7 @@ def test_expressions_nested_deeper_than_the_algebra_goes_are_not_certified(
     from socp.model.data import stated
 
     document = json.loads(genuine["jacobson_1"])
-    statement = document["statement"]
+    statement = document["origin"]["statement"]
     nodes, rate = statement["nodes"], statement["dynamics"]["x2"]
     nodes.append(["sin", nodes.index("x1")])
     for _ in range(1200):
@@ -795,9 +856,11 @@ def test_a_forged_problem_is_judged_as_what_it_is(genuine: dict[str, str], check
     from socp.model.data import stated
 
     document = json.loads(genuine["double_integrator_vlimit"])
-    document["statement"]["bounds"]["u"] = [-2.0, 2.0]
-    document["statement"]["fingerprint"] = stated.fingerprint(document["statement"])
-    assert Problem.from_statement(document["statement"]).box.tolist() == [[-2.0], [2.0]]
+    document["origin"]["statement"]["bounds"]["u"] = [-2.0, 2.0]
+    document["origin"]["statement"]["fingerprint"] = stated.fingerprint(
+        document["origin"]["statement"]
+    )
+    assert Problem.from_statement(document["origin"]["statement"]).box.tolist() == [[-2.0], [2.0]]
     said = check(document)
     assert said.code == 1
     assert "not extremal" in said.out

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from records import revised
 
 from socp import Solution, default_guess
 from socp.model import (
@@ -34,7 +35,7 @@ EXISTS, GLOBAL, LEAST = (
 
 
 def of(verdict: Verdict | None, starts: Starts | None = None, *proofs: Proof) -> Solution:
-    return replace(BARE, objective=1.0, verdict=verdict, starts=starts, proofs=proofs)
+    return revised(BARE, objective=1.0, verdict=verdict, starts=starts, proofs=proofs)
 
 
 def found(kind: Minimum) -> Verdict:

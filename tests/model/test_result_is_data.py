@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from records import older
 
 from socp import run
 from socp.cli import main
@@ -69,14 +70,18 @@ def claimed(document: dict[str, Any], text: str) -> None:
         "word": text,
         "options": {text: text},
     }
-    document |= {"versions": {text: text}, "seconds": {text: 1.0}, "trace": {text: [1.0]}}
-    document["verdict"] |= {"notes": [text], "chattering": [text]}
-    document["verified"][0] |= {"miss_at": text, "error": text}
-    document["nodes"] = [
+    document["origin"] |= {"versions": {text: text}, "seconds": {text: 1.0}, "trace": {text: [1.0]}}
+    document["judgement"]["verdict"] |= {"notes": [text], "chattering": [text]}
+    document["judgement"]["verified"][0] |= {"miss_at": text, "error": text}
+    document["effort"]["nodes"] = [
         {"word": text, "stop": text} | dict.fromkeys(("objective", "bound", "miss", "residual"))
     ]
-    document["statement"]["name"] = text
-    document["statement"]["about"] |= {"title": text, "source": text, "units": {"x": text}}
+    document["origin"]["statement"]["name"] = text
+    document["origin"]["statement"]["about"] |= {
+        "title": text,
+        "source": text,
+        "units": {"x": text},
+    }
 
 
 @pytest.fixture(scope="module")
@@ -115,10 +120,7 @@ def test_no_other_file_is_opened_and_nothing_of_it_is_run(genuine: str, tmp_path
         (here / f"r{k}.json").write_text(json.dumps(document))
         commands += [["check", f"r{k}.json"], ["check", f"r{k}.json", "--json"]]
         commands += [["export", f"r{k}.json", "--format", "csv", "-o", f"r{k}.csv"]]
-        old = {
-            name: value for name, value in document.items() if name not in {"statement", "unstated"}
-        }
-        (here / f"old{k}.json").write_text(json.dumps({**old, "schema": 1}))
+        (here / f"old{k}.json").write_text(json.dumps(older(document)))
         commands += [["check", f"old{k}.json"]]
     commands += [["plot", "r0.json", "-o", "r0.svg"], ["plot", "old0.json", "-o", "old0.svg"]]
     environment = {**os.environ, "MPLCONFIGDIR": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
@@ -256,7 +258,7 @@ def test_the_users_problem_wins_and_what_differs_is_said(
     assert folder.is_dir()
     assert main(["check", "cart.socp.json", "--problem", "walled.py"]) == 0
     assert "differs in: path.wall" in capsys.readouterr().err
-    assert document["statement"]["path"] == {}
+    assert document["origin"]["statement"]["path"] == {}
 
 
 def test_what_follows_a_constraint_is_no_result_of_a_problem_without_it(
@@ -275,13 +277,6 @@ def test_what_follows_a_constraint_is_no_result_of_a_problem_without_it(
 # -- results of before
 
 
-def older(document: dict[str, Any]) -> str:
-    kept = {
-        name: value for name, value in document.items() if name not in {"statement", "unstated"}
-    }
-    return json.dumps({**kept, "schema": 1})
-
-
 @pytest.mark.slow
 def test_an_old_result_is_of_the_registered_problem_of_its_name(
     folder: Path, registry: Registry, capsys: pytest.CaptureFixture[str]
@@ -290,7 +285,7 @@ def test_an_old_result_is_of_the_registered_problem_of_its_name(
     solution = run(
         registry.method("lgr-multiphase")(word="u: - s"), problem, default_guess(problem)
     )
-    (folder / "old.json").write_text(older(json.loads(to_json(solution))))
+    (folder / "old.json").write_text(json.dumps(older(json.loads(to_json(solution)))))
     assert main(["check", "old.json"]) == 0
     told = (
         "warning: old.json carries no statement of its problem: the registered 'jacobson_1' is "
@@ -310,7 +305,7 @@ def test_an_old_result_of_an_unregistered_problem_says_what_to_do(
     """Also where the name is that of a file that is there, or of a registered problem with other
     states.
     """
-    (folder / "old.json").write_text(older(json.loads(genuine) | {"problem": name}))
+    (folder / "old.json").write_text(json.dumps(older(json.loads(genuine) | {"problem": name})))
     assert main(["check", "old.json"]) == 3
     said = capsys.readouterr()
     assert f"carries no statement of its problem '{name}'" in said.err
@@ -325,10 +320,9 @@ def test_an_old_result_of_an_unregistered_problem_says_what_to_do(
 def test_a_result_says_why_it_carries_no_statement(
     folder: Path, genuine: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    document = json.loads(genuine) | {
-        "statement": None,
-        "unstated": "the operation 'call' cannot be written",
-    }
+    document = json.loads(genuine)
+    why = "the operation 'call' cannot be written"
+    document["origin"] |= {"statement": None, "unstated": why}
     (folder / "bare.json").write_text(json.dumps(document))
     assert main(["check", "bare.json"]) == 3
     assert "'cart' (the operation 'call' cannot be written), and no such problem is registered" in (

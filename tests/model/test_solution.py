@@ -13,13 +13,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from records import built
 from socp_problems.auv import problem as auv
 
 from socp.errors import SolveError
-from socp.model.arc import Arc
 from socp.model.data.files import from_json, load, save, to_json
-from socp.model.findings import Feasibility
-from socp.model.solution import Solution, Stop
+from socp.model.result.arc import Arc
+from socp.model.result.findings import Feasibility
+from socp.model.result.records import Effort, Judgement, Origin
+from socp.model.result.solution import Solution, Stop
 from socp.transcription.collocation import collocate
 from socp.transcription.mesh import table, uniform
 from socp.transcription.phases import single_phase
@@ -49,7 +51,7 @@ def solution_of(*arcs: Arc, **changes: Any) -> Solution:
         "objective": 1.0,
         "stop": Stop.SOLVED,
     }
-    return Solution(**parts | names | changes)
+    return built(**parts | names | changes)
 
 
 # -- evaluation
@@ -103,8 +105,8 @@ def test_what_a_continued_solve_took_is_added_up() -> None:
     )
     two = solution_of(arc, seconds={"solve": 10.0}, iterations=4, trace={"objective": (6.0,)})
     both = two.after(one)
-    assert (both.seconds, both.iterations) == ({"build": 1.0, "solve": 12.0}, 7)
-    assert both.trace == {"objective": (4.0, 5.0, 6.0)}
+    assert (both.seconds, both.effort.iterations) == ({"build": 1.0, "solve": 12.0}, 7)
+    assert both.effort.trace == {"objective": (4.0, 5.0, 6.0)}
 
 
 def test_switches_and_word_come_from_the_structure() -> None:
@@ -181,7 +183,7 @@ def solutions(draw: st.DrawFn) -> Solution:
         lambda each: (each[0], *each[1])
     )
     row = st.lists(stretch, min_size=1, max_size=3).map(tuple)
-    return Solution(
+    return built(
         problem=draw(name),
         method=draw(name),
         objective=draw(number),
@@ -212,7 +214,7 @@ def bits(value: Any) -> Any:
         return "nan" if math.isnan(value) else value.hex()
     if isinstance(value, (list, tuple)):
         return type(value).__name__, [bits(each) for each in value]
-    if isinstance(value, (Arc, Feasibility, Solution)):
+    if isinstance(value, (Arc, Effort, Feasibility, Judgement, Origin, Solution)):
         return {each.name: bits(getattr(value, each.name)) for each in fields(value)}
     return {key: bits(each) for key, each in value.items()} if isinstance(value, dict) else value
 
@@ -228,7 +230,7 @@ def test_the_file_is_strict_json(solution: Solution) -> None:
         raise AssertionError(constant)
 
     document = json.loads(to_json(solution), parse_constant=refuse)
-    assert document["schema"] == 2
+    assert document["schema"] == 3
     assert document["switches"] == solution.switches
     assert document["word"] == solution.word
 
@@ -260,14 +262,14 @@ def altered(path: Path, **changes: Any) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"schema": 3}, "not a socp result: schema: 3; this socp reads schemas 1 and 2"),
+        ({"schema": 4}, "not a socp result: schema: 4; this socp reads schemas 1, 2 and 3"),
         ({"stop": "WON"}, "not a socp result: stop: 'WON'; there are SOLVED, ACCEPTABLE"),
         ({"arcs": []}, "not a socp result: arcs: expected 'array' of length >= 1"),
         ({"arcs": None}, "not a socp result: arcs: expected 'array', got 'null'"),
         ({"objective": "many"}, "not a socp result: objective: invalid enum value 'many'"),
         ({"surprise": 1}, "not a socp result: object contains unknown field 'surprise'"),
         ({"problem": 3}, "not a socp result: problem: expected 'str', got 'int'"),
-        ({"trace": [1]}, "not a socp result: trace: expected 'object', got 'array'"),
+        ({"effort": [1]}, "not a socp result: effort: expected 'object', got 'array'"),
     ],
 )
 def test_what_is_wrong_in_a_file_is_named(

@@ -490,8 +490,8 @@ def test_what_cannot_be_written_is_said_and_not_carried() -> None:
         pickle.dumps(problem)
     solution = with_statement(problem, default_guess(problem))
     assert solution.statement is None
-    assert "the operation 'call' cannot be written as data" in solution.unstated
-    assert from_json(to_json(solution)).unstated == solution.unstated
+    assert "the operation 'call' cannot be written as data" in solution.origin.unstated
+    assert from_json(to_json(solution)).origin.unstated == solution.origin.unstated
     carried = with_statement(everything(), replace(solution))
-    assert (carried.unstated, carried.statement) == ("", everything().statement)
+    assert (carried.origin.unstated, carried.statement) == ("", everything().statement)
     assert fingerprint(problem, "r") != fingerprint(problem, "r")

@@ -12,7 +12,7 @@ from casadi import cos, sin
 
 from socp import Ipopt, Problem, Solution, controls, default_guess, run, states
 from socp.model.progress import Progress
-from socp.model.solution import Stop
+from socp.model.result.solution import Stop
 from socp.model.symbols import final_time, initial_time, time
 from socp.model.word import Word
 from socp.registry.plugins import Registry

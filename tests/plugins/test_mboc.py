@@ -15,7 +15,7 @@ from socp import MethodError, Problem, Solution, controls, default_guess, run, s
 from socp.laws.modes import arc_modes
 from socp.methods.direct import scouts
 from socp.methods.solving import Follower
-from socp.model.solution import Stop
+from socp.model.result.solution import Stop
 from socp.model.word import Mode, Word
 from socp.registry.plugins import Registry
 from socp.registry.standard import minimum_time

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from records import revised
 from socp_plugins.rerun import viewer
 
 from socp.cli import main
@@ -22,7 +23,7 @@ from socp.methods.guess import default_guess
 from socp.model.data.files import load, save
 from socp.model.problem import Problem
 from socp.model.progress import Progress
-from socp.model.solution import Solution
+from socp.model.result.solution import Solution
 from socp.registry.plugins import Registry
 from socp.view.picture import picture_of
 from socp.view.recording.contents import Run, control, items
@@ -147,18 +148,18 @@ def test_lanes_spell_the_word(auv: Recorded) -> None:
 
 
 def test_the_solvers_trace_the_search_and_the_meshes_are_those_of_the_result(auv: Recorded) -> None:
-    for name, values in auv.solution.trace.items():
+    for name, values in auv.solution.effort.trace.items():
         equal(auv.rows, f"/solver/{name}", "iteration", np.arange(len(values)), np.array(values))
     objectives = np.array([node.objective for node in auv.solution.nodes])
     equal(auv.rows, "/search/objective", "refinement", np.arange(objectives.size), objectives)
-    for k, mesh in enumerate((*auv.solution.meshes, auv.solution.corners)):
+    for k, mesh in enumerate((*auv.solution.effort.meshes, auv.solution.corners)):
         equal(auv.rows, f"/mesh/{k}", "t", np.array(mesh), np.full(len(mesh), float(k)))
     assert all(node.word in auv.rows.texts["/search/words"] for node in auv.solution.nodes)
 
 
 def test_the_iterations_of_the_search_are_recorded_while_it_runs(auv: Recorded) -> None:
     count, objective = auv.rows.series["/progress/objective", "progress"]
-    assert count.size > auv.solution.iterations
+    assert count.size > auv.solution.effort.iterations
     np.testing.assert_array_equal(count, np.arange(count.size))
     assert abs(objective[-1] - auv.solution.objective) < 1e-6
     assert "/progress/plan/iterate" in auv.rows.entities
@@ -268,10 +269,9 @@ def test_legends_stand_where_the_curves_are_not(rough: tuple[Problem, Solution])
 def test_a_result_without_structure_and_verdict_is_shown_as_far_as_it_goes(
     rough: tuple[Problem, Solution],
 ) -> None:
-    from dataclasses import replace
 
     problem, solution = rough
-    bare = replace(solution, structure={}, verdict=None, trace={}, nodes=(), meshes=())
+    bare = revised(solution, structure={}, verdict=None, trace={}, nodes=(), meshes=())
     found = items(problem, bare)
     assert not [each for each in found if isinstance(each, Lane)]
     (text,) = [each.text for each in found if isinstance(each, Note)]

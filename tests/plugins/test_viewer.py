@@ -18,7 +18,7 @@ from socp.cli import main
 from socp.methods.chain import run
 from socp.methods.guess import default_guess
 from socp.model.problem import Problem
-from socp.model.solution import Solution
+from socp.model.result.solution import Solution
 from socp.registry.plugins import Registry
 from socp.view.recording.contents import items
 from socp.view.recording.items import Bars, Colour, Drawing, Group, Item, Lane, Panel, Series
@@ -180,7 +180,7 @@ def test_the_solver_is_seen(screen: Viewer, shown: Shown, folder: Path) -> None:
 
 
 def test_the_solve_as_it_ran_is_seen(screen: Viewer, shown: Shown, folder: Path) -> None:
-    pictures = look(screen, shown, folder, 2, "progress", shown.iterations)
+    pictures = look(screen, shown, folder, 2, "progress", shown.effort.iterations)
     for name, image in pictures.items():
         assert int((image.max(axis=2) > 90).sum()) > 100, name
     blue = near(pictures["Iterates in the plane"], (70, 140, 215), 45)

@@ -11,7 +11,7 @@ from socp_problems.auv import problem
 
 from socp.methods.contract import Method
 from socp.methods.guess import default_guess
-from socp.model.solution import Solution, Stop
+from socp.model.result.solution import Solution, Stop
 from socp.verdict.reintegration import verify
 from socp.verdict.structure import structure_of
 

@@ -6,6 +6,7 @@ from importlib import import_module
 
 import numpy as np
 import pytest
+from records import revised
 
 from socp import (
     Ipopt,
@@ -132,7 +133,7 @@ def test_free_parameters_are_said_to_be_none_of_it() -> None:
         start={x: 0},
         final_time=1,
     )
-    solution = replace(solved("jacobson_1"), statement=None)
+    solution = revised(solved("jacobson_1"), statement=None)
     proof = prove(problem, solution)
     assert proof.step == "the word's equations"
     assert "free parameters" in proof.reason

@@ -8,11 +8,12 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 import pytest
+from records import revised
 from scipy.integrate import quad
 from socp_plugins.collocation import TABLE
 
 from socp import Method, Problem, Solution, Watch, controls, final_time, silent, states
-from socp.model.solution import Stop
+from socp.model.result.solution import Stop
 from socp.registry.conformance import assert_conforms, check_problem, conforms
 from socp.registry.plugins import Registry
 from socp.registry.standard import STANDARD, Standard, regulator, turning_back
@@ -127,7 +128,7 @@ SPOILERS = {
     "values: stopped because": lambda s, _: replace(s, stop=Stop.LIMIT),
     "objective: ": lambda s, _: replace(s, objective=1.1 * s.objective),
     "costate: ": _arc(costate=np.negative),
-    "file: ": lambda s, _: replace(s, options={1: object()}, trace={"a": object()}),
+    "file: ": lambda s, _: revised(s, options={1: object()}, trace={"a": object()}),
     "determinism: ": _random,
     "solution: is float": _not_a_solution,
     "solve: raised KeyError": _raise,

@@ -14,7 +14,7 @@ from socp.laws.modes import arc_modes
 from socp.methods.guess import default_guess, split
 from socp.model import Mode, Modes
 from socp.model.problem import Problem
-from socp.model.solution import Solution
+from socp.model.result.solution import Solution
 from socp.model.symbols import controls, final_time, states
 from socp.model.word import Word
 from socp.search.integer.bounds import enclosures, reachable

@@ -23,7 +23,7 @@ from socp.methods.contract import options
 from socp.methods.guess import default_guess
 from socp.model import Mode
 from socp.model.progress import Progress, silent
-from socp.model.solution import Stop
+from socp.model.result.solution import Stop
 from socp.search.integer.minlp import SOLVERS, available, minlp
 from socp.search.integer.starts import starts
 from socp.solvers.contract import NLP, NLPPoint

@@ -5,11 +5,12 @@ from dataclasses import replace
 import casadi
 import numpy as np
 import pytest
+from records import built, revised
 
 from socp import Problem, Solution, controls, default_guess, solve_collocated, states
-from socp.model.arc import Arc
-from socp.model.findings import Condition, Feasibility, Finding, Place, Verdict
-from socp.model.solution import Stop
+from socp.model.result.arc import Arc
+from socp.model.result.findings import Condition, Feasibility, Finding, Place, Verdict
+from socp.model.result.solution import Stop
 from socp.model.symbols import final_time
 from socp.model.word import Mode
 from socp.search.candidate import Candidate, insert, merged
@@ -48,7 +49,7 @@ def held(first: list[float], second: list[float]) -> Solution:
         modes=("*", "*"),
     )
     names = {"state_names": problem.state_names, "control_names": problem.control_names}
-    return Solution(
+    return built(
         problem=problem.name, method="m", arcs=(arc,), objective=0.0, stop=Stop.SOLVED, **names
     )
 
@@ -200,7 +201,7 @@ def solved(tried: Candidate, verdict: Verdict | None = None, **more: object) -> 
             else:
                 row.append((mode, a, b))
     structure = {name: tuple(row) for name, row in rows.items()}
-    return replace(tried.source, arcs=tuple(arcs), structure=structure, verdict=verdict, **more)  # type: ignore[arg-type]
+    return revised(tried.source, arcs=tuple(arcs), structure=structure, verdict=verdict, **more)  # type: ignore[arg-type]
 
 
 def test_an_arc_without_length_is_dropped_or_its_switches_swapped() -> None:
@@ -246,7 +247,7 @@ def test_a_violated_state_constraint_is_followed_where_it_is_worst() -> None:
     broken = Feasibility(
         miss=0.0, miss_at="x", path=0.3, path_at="x.upper", box=0.0, drift=0.0, feedback=False
     )
-    (found,) = mends(problem, tried, replace(solution, arcs=(arc,), verified=(broken,)))
+    (found,) = mends(problem, tried, revised(solution, arcs=(arc,), verified=(broken,)))
     assert spelt(found) == ["+ -", "b[x.upper] -", "+ -"]
 
 
@@ -290,12 +291,12 @@ def test_a_jump_onto_a_singular_arc_of_even_order_is_chattering(
     order: int, names: list[str]
 ) -> None:
     tried = solved(made("- +", "s +"))
-    only = replace(tried, structure={"u": (("-", 0.0, 6.0), ("s", 6.0, 12.0))})
+    only = revised(tried, structure={"u": (("-", 0.0, 6.0), ("s", 6.0, 12.0))})
     assert chattering(fuller(order), only) == names
 
 
 def test_a_bang_bang_word_is_no_chattering() -> None:
-    only = replace(solved(made("- +", "+ +")), structure={"u": (("-", 0.0, 6.0), ("+", 6.0, 12.0))})
+    only = revised(solved(made("- +", "+ +")), structure={"u": (("-", 0.0, 6.0), ("+", 6.0, 12.0))})
     assert chattering(fuller(2), only) == []
 
 

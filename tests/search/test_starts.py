@@ -1,8 +1,7 @@
 """From how many starts the result of a search is the best, and what else it met."""
 
-from dataclasses import replace
-
 import pytest
+from records import revised
 
 from socp import default_guess
 from socp.methods import Scouted
@@ -14,7 +13,7 @@ from socp.search import Search, with_starts
 def test_extremals_of_other_objectives_are_told_once() -> None:
     one = default_guess(Registry.load().problem("double_integrator_time"))
     best, same, other, worse = (
-        replace(one, objective=value, structure={"u": ((word, 0.0, 1.0),)})
+        revised(one, objective=value, structure={"u": ((word, 0.0, 1.0),)})
         for value, word in ((1.0, "-"), (1.0 + 1e-9, "+"), (2.0, "+"), (3.0, "s"))
     )
     search = Search(extremals=[worse, other, best, other, same])

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from ponds import POND, u, x
+from records import revised
 
 from socp import solve
 from socp.errors import MethodError, SocpError, SolveError
@@ -118,8 +119,8 @@ def test_auto_does_not_scout_where_the_word_holds(
     monkeypatch.setattr("socp_plugins.auto.scouted", scouted)
     found = solve(POND.with_(level=0.5), guess=solved)
     close(found, 2 / 3 * 0.5**3, [0.5, 3.5])
-    assert found.agreement is not None
-    assert found.iterations == 0  # what the guess had cost is not counted again
+    assert found.judgement.agreement is not None
+    assert found.effort.iterations == 0  # what the guess had cost is not counted again
 
 
 def test_lgr_multiphase_takes_the_word_of_its_guess(solved: Solution) -> None:
@@ -185,7 +186,7 @@ def test_ctrl_c_in_a_warm_start_leaves_the_guess(
 
 
 def test_a_statement_of_another_problem_is_no_origin(solved: Solution) -> None:
-    lying = replace(solved, statement=DISC.statement)
+    lying = revised(solved, statement=DISC.statement)
     close(warm_start(POND.with_(level=0.5), lying, Search()), 2 / 3 * 0.5**3, [0.5, 3.5])
 
 
@@ -201,5 +202,5 @@ def test_a_word_along_a_limit_that_has_gone_is_not_followed() -> None:
 
 
 def test_a_guess_without_a_statement_does_as_well(solved: Solution) -> None:
-    bare = replace(solved, statement=None, verdict=None)
+    bare = revised(solved, statement=None, verdict=None)
     close(warm_start(POND.with_(level=0.5), bare, Search()), 2 / 3 * 0.5**3, [0.5, 3.5])

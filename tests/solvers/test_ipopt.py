@@ -17,7 +17,7 @@ from socp_problems.auv import problem as auv
 from socp.errors import MethodError, SolveError
 from socp.methods.guess import default_guess
 from socp.model.progress import Progress
-from socp.model.solution import Stop
+from socp.model.result.solution import Stop
 from socp.solvers import documented
 from socp.solvers.backends import ipopt as module
 from socp.solvers.backends.ipopt import Ipopt

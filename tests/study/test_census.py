@@ -16,14 +16,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from carts import FILE, cart, u, v, x
+from records import built
 
 from socp import Problem, Solution
 from socp.cli import main
-from socp.model.arc import Arc
 from socp.model.data.files import load, to_json
-from socp.model.findings import Condition, Finding, Verdict
 from socp.model.progress import Progress, Watch
-from socp.model.solution import Stop
+from socp.model.result.arc import Arc
+from socp.model.result.findings import Condition, Finding, Verdict
+from socp.model.result.solution import Stop
 from socp.model.symbols import final_time
 from socp.process import listening, signals_held
 from socp.registry.plugins import Registry
@@ -163,7 +164,7 @@ def made(
     )
     verdict = Verdict(miss=0.0, findings=(Finding(kind=Condition.SIGN, residual=residual),))
     structure = {"u": ((modes[0], 0.0, switch), (modes[1], switch, 1.0))}
-    return Solution(
+    return built(
         problem="p",
         method="m",
         arcs=(arc,),

@@ -4,10 +4,11 @@ from dataclasses import replace
 from math import comb
 
 import pytest
+from records import revised
 from socp_problems.double_integrator_time import problem
 
 from socp import default_guess
-from socp.model.findings import Condition, Finding, Verdict
+from socp.model.result.findings import Condition, Finding, Verdict
 from socp.study.clusters import Census, Outcome
 from socp.study.expectation import Unseen, unseen
 
@@ -15,7 +16,7 @@ from socp.study.expectation import Unseen, unseen
 def census(counts: list[int], nowhere: int = 0) -> Census:
     """Return a census whose starts ended in extremals so many times each."""
     verdict = Verdict(miss=0.0, findings=(Finding(kind=Condition.SIGN, residual=0.0),))
-    one = replace(default_guess(problem), verdict=verdict)
+    one = revised(default_guess(problem), verdict=verdict)
     ended = [
         replace(one, objective=1.0 + k) for k, count in enumerate(counts) for _ in range(count)
     ]

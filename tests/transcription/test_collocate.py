@@ -16,7 +16,7 @@ from socp_problems.auv import problem as auv
 from socp.errors import MethodError
 from socp.methods.guess import default_guess, guess_of
 from socp.model.problem import Problem
-from socp.model.solution import Solution
+from socp.model.result.solution import Solution
 from socp.model.symbols import controls, final_time, initial, initial_time, parameters, states, time
 from socp.model.word import Word
 from socp.solvers.contract import NLP, NLPPoint, Reduced

@@ -16,7 +16,7 @@ from known_schemes import FAMILIES, every
 from socp.methods.contract import solve_collocated
 from socp.methods.guess import default_guess
 from socp.model.problem import Problem
-from socp.model.solution import Solution, Stop
+from socp.model.result.solution import Solution, Stop
 from socp.model.symbols import controls, final_time, initial_time, parameters, states, time
 from socp.model.word import Word
 from socp.solvers.backends.ipopt import Ipopt

@@ -81,7 +81,7 @@ def test_points_come_back_in_the_units_of_the_problem() -> None:
     known = plain.lift(default_backend()(plain.problem, plain.push(default_guess(braking()))))
     assert found.stop.ok
     assert found.objective == pytest.approx(1e2 * known.objective, rel=0.1)
-    assert found.trace["objective"][-1] == pytest.approx(found.objective)
+    assert found.effort.trace["objective"][-1] == pytest.approx(found.objective)
 
 
 @pytest.mark.parametrize("units", UNITS)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from casadi import cos, exp, fabs, fmax, fmin, sin
+from records import revised
 from scipy.optimize import linprog
 
 from socp import (
@@ -32,8 +33,8 @@ from socp.cli import main
 from socp.cli.show import facts
 from socp.model import Mode
 from socp.model.data.files import from_json, to_json
-from socp.model.findings import Condition, Finding, Place, Verdict
-from socp.model.solution import Stop
+from socp.model.result.findings import Condition, Finding, Place, Verdict
+from socp.model.result.solution import Stop
 from socp.model.tolerances import EXTREMAL, FEASIBLE, SHORTEST
 from socp.registry.plugins import Registry
 from socp.search.conclusion import better_point, conclude, explanation, foremost, pursue
@@ -205,9 +206,9 @@ def test_a_right_objective_is_told_once() -> None:
 def test_a_result_without_the_new_figures_is_still_read() -> None:
     made = along(posed(), "-")
     document = json.loads(to_json(made))
-    for each in document["verified"]:
+    for each in document["judgement"]["verified"]:
         del each["objective"], each["gap"]
-    del document["verdict"]["miss_at"]
+    del document["judgement"]["verdict"]["miss_at"]
     old = from_json(json.dumps(document))
     assert old.headline == (f"{made.objective:.12g}",)
 
@@ -489,8 +490,8 @@ def test_a_worse_direct_solution_does_not_go_before_a_word() -> None:
         Ipopt(),
         default_guess(GROWTH),
     )
-    half = judge(GROWTH, replace(growth("-"), structure={}, verdict=None))
-    word = replace(
+    half = judge(GROWTH, revised(growth("-"), structure={}, verdict=None))
+    word = revised(
         half, verdict=replace(verdict_of(half), findings=())
     )  # the best there is, by nobody certified
     chosen, text = foremost(GROWTH, word, [worse])
@@ -598,7 +599,7 @@ def test_an_arc_that_the_switching_function_asks_for_is_found() -> None:
 
 def test_explained_tells_the_worst_reason() -> None:
     finding = Finding(kind=Condition.OTHER, text="a", residual=0.1, place=Place(of="b"))
-    word = replace(growth("+"), verdict=Verdict(miss=0.0, findings=(finding,)))
+    word = revised(growth("+"), verdict=Verdict(miss=0.0, findings=(finding,)))
     said = explanation(GROWTH, Search(best=word, count=3))
     best = "no word of the 3 tried is certified; the best one leaves: a on b: 1.0e-01; "
     assert said.startswith(best)

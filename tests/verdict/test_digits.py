@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import casadi
 import numpy as np
 import pytest
+from records import revised
 
 from socp import Ipopt, Problem, Solution, Word, controls, default_guess, final_time, states
 from socp.laws import probes as points
@@ -16,8 +17,8 @@ from socp.methods.guess import split
 from socp.methods.solving import Follower
 from socp.model.data.files import from_json, to_json
 from socp.model.evaluation import scales
-from socp.model.findings import Agreement
-from socp.model.solution import Stop
+from socp.model.result.findings import Agreement
+from socp.model.result.solution import Stop
 from socp.model.symbols import time
 from socp.registry.plugins import Registry
 from socp.registry.standard import STANDARD, turning_back
@@ -260,7 +261,7 @@ def test_what_is_trusted_claims_no_more_than_is_true(
 ) -> None:
     of = KNOWN[name]
     solution = with_agreement(of.problem, exact(name), 9, BACKEND)
-    assert solution.agreement is not None
+    assert solution.judgement.agreement is not None
     assert solution.verdict is not None
     assert solution.verdict.digits >= 9
     claims_hold(of, solution)
@@ -338,7 +339,7 @@ def test_a_time_that_is_left_open_is_given_no_number(exact: Callable[[str], Solu
     assert solution.verdict is not None
     times = solution.switches
     verdict = replace(solution.verdict, switch_errors=((times[0], math.inf), (times[1], 1e-3)))
-    shown = replace(solution, agreement=Agreement(objective=1e-12, switches=1e-9), verdict=verdict)
+    shown = revised(solution, agreement=Agreement(objective=1e-12, switches=1e-9), verdict=verdict)
     (text,) = agreed_digits(shown)
     assert text.startswith(
         "12 of the objective: two computations differ by 1.0e-12, switching times within 1.0e-03"
@@ -385,7 +386,7 @@ def test_symmetric_controls_switch_at_one_time(of: Known) -> None:
     assert "which agree" in found.message
     solution = with_agreement(of.problem, judge(of.problem, found), 9, BACKEND)
     assert solution.extremal
-    assert solution.agreement is not None
+    assert solution.judgement.agreement is not None
     assert len(solution.arcs) == 2
     claims_hold(of, solution)
 

@@ -5,12 +5,13 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from records import older, revised
 
 from socp import Problem, Solution, controls, run, states, time
 from socp.errors import SolveError
 from socp.methods.guess import default_guess
 from socp.model.data.files import from_json, to_json
-from socp.model.findings import Condition, Place
+from socp.model.result.findings import Condition, Place
 from socp.model.word import Mode
 from socp.registry.plugins import Registry
 from socp.search.mending import mends
@@ -65,7 +66,7 @@ def test_a_search_puts_in_the_arc_that_is_asked_for(wrong: Solution, right: Solu
     silent = replace(
         wrong.verdict, findings=tuple(replace(f, wants=None) for f in wrong.verdict.findings)
     )
-    assert not list(mends(TWO, now, replace(wrong, verdict=silent)))
+    assert not list(mends(TWO, now, revised(wrong, verdict=silent)))
 
 
 @pytest.mark.slow
@@ -86,16 +87,14 @@ def test_a_file_holds_findings_whole(wrong: Solution, right: Solution) -> None:
         assert all(place.control and place.stretch for place in read.margins)
 
 
-def older(solution: Solution, schema: int) -> dict[str, Any]:
+def of_before(solution: Solution, schema: int) -> dict[str, Any]:
     """Return the document that a version without the later fields wrote."""
-    document: dict[str, Any] = json.loads(to_json(solution)) | {"schema": schema}
-    for finding in document["verdict"]["findings"]:
+    document: dict[str, Any] = json.loads(to_json(solution))
+    for finding in document["judgement"]["verdict"]["findings"]:
         for name in LATER:
             del finding[name]
         finding["wants"] = ""
-    if schema == 1:
-        del document["statement"], document["unstated"]
-    return document
+    return older(document, schema)
 
 
 @pytest.mark.parametrize("schema", [1, 2])
@@ -103,7 +102,7 @@ def test_older_files_are_read_and_stretches_found_by_their_words(
     wrong: Solution, schema: int
 ) -> None:
     assert wrong.verdict is not None
-    read = from_json(json.dumps(older(wrong, schema))).verdict
+    read = from_json(json.dumps(of_before(wrong, schema))).verdict
     assert read is not None
     assert read.margins == wrong.verdict.margins
     for old, new in zip(read.findings, wrong.verdict.findings, strict=True):
@@ -113,8 +112,11 @@ def test_older_files_are_read_and_stretches_found_by_their_words(
 
 
 def test_conditions_of_another_version_keep_their_words(wrong: Solution) -> None:
-    document = older(wrong, 2)
-    document["verdict"]["findings"][0] |= {"condition": "a law of its own", "where": "u, there"}
+    document = of_before(wrong, 2)
+    document["verdict"]["findings"][0] |= {
+        "condition": "a law of its own",
+        "where": "u, there",
+    }
     once = from_json(json.dumps(document))
     for solution in (once, from_json(to_json(once))):
         assert solution.verdict is not None
@@ -138,7 +140,7 @@ def test_findings_that_are_none_are_refused(
     wrong: Solution, field: str, value: object, said: str
 ) -> None:
     document = json.loads(to_json(wrong))
-    document["verdict"]["findings"][0][field] = value
+    document["judgement"]["verdict"]["findings"][0][field] = value
     with pytest.raises(SolveError) as caught:
         from_json(json.dumps(document))
     assert said in str(caught.value)

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from carts import cart, u, v, x
+from records import revised
 
 from socp import MethodError, Solution, silent, solve, time
-from socp.model.solution import Stop
+from socp.model.result.solution import Stop
 
 
 @pytest.fixture(scope="module")
@@ -89,10 +90,9 @@ def test_the_law_of_a_singular_arc_answers_a_disturbance() -> None:
 def test_what_cannot_be_flown_is_refused(plan: Solution) -> None:
     with pytest.raises(MethodError, match="no state 'w'; there are x, v"):
         plan.simulate(disturbance={"w": 1})
-    from dataclasses import replace
 
     with pytest.raises(MethodError, match="carries no problem"):
-        replace(plan, statement=None).simulate()
+        revised(plan, statement=None).simulate()
 
 
 def test_a_motion_that_diverges_says_so(plan: Solution) -> None:

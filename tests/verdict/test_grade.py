@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from records import revised
 from scipy.integrate import solve_ivp
 
 from socp import (
@@ -169,7 +170,7 @@ def flown(problem: Problem, of: Solution, t: np.ndarray, u: np.ndarray) -> Solut
     nothing = np.full_like(x, np.nan)
     mesh, modes = np.arange(t.size), ("*",) * u.shape[0]
     arc = Arc(t=t, x=x, u=u, costate=nothing, mesh=mesh, side="both", modes=modes)
-    return replace(of, arcs=(arc,), objective=float(y[-1][-1]) + mayer, verified=(), verdict=None)
+    return revised(of, arcs=(arc,), objective=float(y[-1][-1]) + mayer, verified=(), verdict=None)
 
 
 def shapes(t: np.ndarray) -> dict[str, np.ndarray]:

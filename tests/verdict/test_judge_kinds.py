@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
+from records import built
 
 from socp import (
     Ipopt,
@@ -28,8 +29,8 @@ from socp import (
     uniform,
 )
 from socp.methods.guess import split
-from socp.model.arc import Arc
-from socp.model.solution import Stop
+from socp.model.result.arc import Arc
+from socp.model.result.solution import Stop
 from socp.transcription import follow
 from socp.transcription.schemes import lgr
 
@@ -75,7 +76,7 @@ def exact(
         )
     return judge(
         problem,
-        Solution(
+        built(
             problem=problem.name,
             method="exact",
             arcs=tuple(arcs),

@@ -25,7 +25,7 @@ from socp import (
     uniform,
 )
 from socp.methods.guess import split
-from socp.model.solution import Stop
+from socp.model.result.solution import Stop
 from socp.transcription import follow
 from socp.transcription.schemes import lgr
 from socp.verdict.certify import case

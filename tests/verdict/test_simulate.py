@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 from casadi import cos
+from records import built
 
-from socp.model.arc import Arc
 from socp.model.evaluation import scales
-from socp.model.findings import Feasibility
 from socp.model.problem import Problem
-from socp.model.solution import Solution, Stop
+from socp.model.result.arc import Arc
+from socp.model.result.findings import Feasibility
+from socp.model.result.solution import Solution, Stop
 from socp.model.symbols import controls, final_time, initial, parameters, states, time
 from socp.transcription.mesh import table
 from socp.transcription.schemes import euler, lgr, trapezoid
@@ -66,9 +67,7 @@ def claimed(
         side=joined.side,
         modes=(modes,) * nu,
     )
-    return Solution(
-        problem=problem.name, method="claim", arcs=(arc,), objective=0.0, stop=Stop.SOLVED
-    )
+    return built(problem=problem.name, method="claim", arcs=(arc,), objective=0.0, stop=Stop.SOLVED)
 
 
 def verified(problem: Problem, solution: Solution) -> Feasibility:

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from records import built
 
-from socp.model.arc import Arc
 from socp.model.problem import Problem
-from socp.model.solution import Solution, Stop
+from socp.model.result.arc import Arc
+from socp.model.result.solution import Solution, Stop
 from socp.model.symbols import controls, final_time, states
 from socp.model.word import Mode
 from socp.transcription.mesh import table
@@ -47,7 +48,7 @@ def held(
         side="right",
         modes=("*", "*"),
     )
-    return Solution(problem=problem.name, method="m", arcs=(arc,), objective=0.0, stop=Stop.SOLVED)
+    return built(problem=problem.name, method="m", arcs=(arc,), objective=0.0, stop=Stop.SOLVED)
 
 
 def read(steps: Any, **options: Any) -> tuple[tuple[str, float, float], ...]:
@@ -139,9 +140,7 @@ def test_every_scheme_is_read(scheme: Scheme) -> None:
         side=joined.side,
         modes=("*", "*"),
     )
-    solution = Solution(
-        problem=problem.name, method="m", arcs=(arc,), objective=0.0, stop=Stop.SOLVED
-    )
+    solution = built(problem=problem.name, method="m", arcs=(arc,), objective=0.0, stop=Stop.SOLVED)
     found = structure_of(problem, solution)["u"]
     if scheme.side == "both":  # linear from 3 to 1 and on to -1: two intervals hold the switch
         assert [found[0][0], found[-1][0]] == ["+", "-"]

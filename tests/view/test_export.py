@@ -15,15 +15,16 @@ import xarray
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from records import built, revised
 from scipy.io import loadmat
 
 from socp import Problem, Solution, default_guess, errors, run, time
 from socp.cli import main
 from socp.cli.commands.exporting import FORMATS
 from socp.errors import MethodError
-from socp.model.arc import Arc
 from socp.model.data.files import save
-from socp.model.solution import Stop
+from socp.model.result.arc import Arc
+from socp.model.result.solution import Stop
 from socp.registry.plugins import Registry
 from socp.view import exports as tabular
 from socp.view.traces import sampled, traces
@@ -133,7 +134,7 @@ def test_netcdf_has_named_dimensions_and_units(problem: Problem, solution: Solut
 
 
 def test_a_dataset_of_a_solution_without_its_problem(solution: Solution) -> None:
-    dataset = tabular.nodes_to_xarray(replace(solution, statement=None))
+    dataset = tabular.nodes_to_xarray(revised(solution, statement=None))
     same(dataset.states, solution.rows("x"))
     assert "switching_functions" not in dataset
     assert "units" not in dataset.time.attrs
@@ -179,7 +180,7 @@ def test_every_float_survives_every_format(
         modes=("*",),
         multipliers={"c": u[0]},
     )
-    solution = Solution(
+    solution = built(
         problem="p",
         method="m",
         arcs=(arc,),
@@ -262,7 +263,7 @@ def test_command_goes_by_the_ending(saved: Path, solution: Solution) -> None:
 def test_command_without_its_problem_says_what_is_missing(
     saved: Path, solution: Solution, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    save(replace(solution, problem="elsewhere", statement=None), saved / "other.json")
+    save(revised(solution, problem="elsewhere", statement=None), saved / "other.json")
     assert main(["export", "other.json", "--format", "csv"]) == 0
     assert "--problem FILE" in capsys.readouterr().err
     assert "sigma_u" not in read_csv((saved / "other.csv").read_bytes())

@@ -17,6 +17,7 @@ import pytest
 from carts import cart, v, x
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
+from records import revised
 
 from socp import Problem, Solution, default_guess, errors, run, time
 from socp.cli import main
@@ -204,7 +205,7 @@ def test_short_arcs_are_widened_and_time_keeps_its_order(solved: Solved) -> None
 
 def test_a_solution_alone_shows_what_it_knows(solved: Solved) -> None:
     _, solution = solved("auv")
-    alone = replace(solution, statement=None)
+    alone = revised(solution, statement=None)
     labels = [axes.get_ylabel() for axes in drawn(alone, None).axes]
     assert len(labels) == 2 + 4 + 4  # controls, states, costates
     assert r"$\sigma_{r}$" not in labels

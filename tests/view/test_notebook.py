@@ -10,11 +10,12 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
+from records import revised
 
 from socp import Problem, Solution, default_guess, errors, run
 from socp.errors import MethodError
-from socp.model.findings import Condition, Finding, Place
-from socp.model.solution import Stop
+from socp.model.result.findings import Condition, Finding, Place
+from socp.model.result.solution import Stop
 from socp.registry.plugins import Registry
 
 ROOT = Path(__file__).parents[2]
@@ -91,7 +92,7 @@ def test_solution_without_matplotlib_has_no_picture(
 
 
 def test_solution_that_nobody_judged(solution: Solution) -> None:
-    bare = replace(solution, verdict=None, structure={}, stop=Stop.LIMIT)
+    bare = revised(solution, verdict=None, structure={}, stop=Stop.LIMIT)
     text = seen(bare._repr_html_())
     assert "not judged" in text
     assert Stop.LIMIT.value in text
@@ -99,7 +100,7 @@ def test_solution_that_nobody_judged(solution: Solution) -> None:
 
 def test_many_arcs_are_counted(solution: Solution) -> None:
     ringing = tuple((mode, k / 20, (k + 1) / 20) for k, mode in enumerate("+-" * 10))
-    text = seen(replace(solution, structure={"u": ringing})._repr_html_())
+    text = seen(revised(solution, structure={"u": ringing})._repr_html_())
     assert "(20 arcs)" in text
     assert "19 switches" in text
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from records import revised
 
 from socp.methods.guess import default_guess
 from socp.model.problem import Problem
@@ -37,11 +38,10 @@ def test_it_is_evaluated_at_any_times(auv: Problem) -> None:
 
 
 def test_switches_are_marked_where_they_happen(auv: Problem) -> None:
-    from dataclasses import replace
 
     guess = default_guess(auv)
     half = 0.5 * guess.final_time
-    guess = replace(guess, structure={"r": (("+", 0.0, half), ("s", half, guess.final_time))})
+    guess = revised(guess, structure={"r": (("+", 0.0, half), ("s", half, guess.final_time))})
     (mark,) = picture_of(auv, guess).marks
     assert (mark.t, mark.label) == (half, "r: + s")
     np.testing.assert_allclose(mark.place, guess.at(half)[:2, 0])

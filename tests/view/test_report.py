@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
+from records import revised
 
 from socp import Problem, Solution, default_guess, judge, run
 from socp import final_time as end
@@ -71,7 +72,7 @@ def exact(problem: Problem, registry: Registry) -> Solution:
     assert problem.reference is not None
     method = registry.method("lgr-multiphase")(word=problem.reference.word)
     found = run(method, problem, default_guess(problem))
-    return replace(found, agreement=Agreement(objective=1e-9, switches=1e-7))
+    return revised(found, agreement=Agreement(objective=1e-9, switches=1e-7))
 
 
 def graded(error: float, curvature: float = 0.0) -> Grade:
@@ -89,7 +90,7 @@ def graded(error: float, curvature: float = 0.0) -> Grade:
 
 
 def near(solution: Solution) -> Solution:
-    return replace(solution, verdict=Verdict(miss=1e-4, grade=graded(2.34e-4)))
+    return revised(solution, verdict=Verdict(miss=1e-4, grade=graded(2.34e-4)))
 
 
 def kept(solution: Solution) -> Solution:
@@ -98,13 +99,13 @@ def kept(solution: Solution) -> Solution:
 
 def ringing(solution: Solution) -> Solution:
     arcs = tuple(("+-"[k % 2], k / 20, (k + 1) / 20) for k in range(20))
-    return replace(solution, structure={"u": arcs}, parameters={"mass": 1 / 3})
+    return revised(solution, structure={"u": arcs}, parameters={"mass": 1 / 3})
 
 
 def overclaimed(solution: Solution) -> Solution:
     """Return a solution that claims more than its control reaches, within what is feasible."""
     (found, *others) = solution.verified
-    return replace(solution, verified=(replace(found, gap=1e-3), *others))
+    return revised(solution, verified=(replace(found, gap=1e-3), *others))
 
 
 def stopped(solution: Solution) -> Solution:
@@ -252,7 +253,7 @@ def test_outcomes_and_their_exit_codes(
 def test_a_solution_that_nobody_judged_is_interrupted_for_a_command_alone(
     problem: Problem, exact: Solution
 ) -> None:
-    bare = replace(exact, verdict=None, verified=())
+    bare = revised(exact, verdict=None, verified=())
     assert outcome_of(bare) is None
     assert Outcome.INTERRUPTED.value in on_terminal(problem, bare)
     for render in (in_notebook, in_recording):
@@ -264,7 +265,7 @@ def test_a_solution_without_its_problem_is_shown_all_the_same(
     problem: Problem, exact: Solution, rough: Solution
 ) -> None:
     for statement in (None, {"format": "of another time"}):
-        text = in_notebook(problem, replace(exact, statement=statement))
+        text = in_notebook(problem, revised(exact, statement=statement))
         assert f"{exact.objective:.12g}" in text
         assert "reference" not in text
     told = {row.label: row.texts for row in solution_rows(None, rough)}
@@ -273,7 +274,7 @@ def test_a_solution_without_its_problem_is_shown_all_the_same(
 
 def test_no_text_steers_a_renderer(problem: Problem, exact: Solution) -> None:
     assert exact.verdict is not None
-    solution = replace(
+    solution = revised(
         exact,
         message=STEERING,
         structure={STEERING: (("+", 0.0, 1.0),)},
@@ -325,20 +326,20 @@ def test_a_report_says_from_how_many_starts_it_is_the_best(
     other = Met(objective=0.5, word="u: + s")
     several = Starts(tried=21, coarse=coarse, extremals=(other,))
     for render in RENDERED:
-        told = " ".join(render(problem, replace(exact, starts=several)).split())
+        told = " ".join(render(problem, revised(exact, starts=several)).split())
         assert "best of 21 starts; 20 of them ended in 5 local solutions" in told
         assert "0.25 (6), 0.5 (5), 0.75 (4), 1 (3) and 1 more" in told
         assert "another extremal was certified at 0.5: u: + s" in told
     single = Starts(tried=1, coarse=(Met(objective=0.375),))
     (row,) = (
-        r for r in solution_rows(problem, replace(exact, starts=single)) if r.label == "starts"
+        r for r in solution_rows(problem, revised(exact, starts=single)) if r.label == "starts"
     )
     assert row.texts == [
         "best of 1 start; it ended in a local solution, on a coarse grid at 0.375 (1)",
         "no other extremal was certified",
     ]
     assert not any(row.label == "starts" for row in solution_rows(problem, exact))
-    assert from_json(to_json(replace(exact, starts=several))).starts == several
+    assert from_json(to_json(revised(exact, starts=several))).starts == several
 
 
 def test_the_highest_rungs_are_among_the_first_lines(problem: Problem, exact: Solution) -> None:
@@ -347,7 +348,7 @@ def test_the_highest_rungs_are_among_the_first_lines(problem: Problem, exact: So
         Proof(rung=Rung.GLOBAL, margin=0.023, statement="by a subsolution"),
     )
     starts = Starts(tried=4, coarse=(Met(objective=0.375, starts=4),))
-    found = replace(exact, starts=starts, proofs=proofs)
+    found = revised(exact, starts=starts, proofs=proofs)
     assert [row.label for row in solution_rows(problem, found)][1:3] == ["outcome", "rung"]
     top = (
         "extremal",
@@ -368,4 +369,4 @@ def test_the_highest_rungs_are_among_the_first_lines(problem: Problem, exact: So
 
 def test_no_proof_outlives_a_judgement(problem: Problem, exact: Solution) -> None:
     proof = Proof(rung=Rung.EXISTS, margin=0.0, statement="")
-    assert judge(problem, replace(exact, proofs=(proof,))).proofs == ()
+    assert judge(problem, revised(exact, proofs=(proof,))).proofs == ()

@@ -250,7 +250,7 @@ def _cells(problem: "Problem", row: Row, best: float) -> dict[str, str]:
     cells |= {f"TV({name})": f"{value:.4g}" for name, value in variations(solution).items()}
     cells |= {
         "feasibility": small(worst(solution)),
-        "iterations": str(solution.iterations),
+        "iterations": str(solution.effort.iterations),
         "seconds": f"{sum(solution.seconds.values()):.2f}",
     }
     return cells if solution.stop.ok else {**cells, "stop": solution.stop.name.lower()}

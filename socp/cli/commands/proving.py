@@ -1,7 +1,5 @@
 """`socp prove`: a proof in ball arithmetic that a saved extremal exists."""
 
-from dataclasses import replace
-
 import click
 
 from socp.cli.opening import open_result, problem_missing
@@ -43,7 +41,7 @@ def prove(session: Session, /, result: str, bits: int, problem: str | None, as_j
     if found is None:
         raise ProblemError(f"{result}: {problem_missing(solution)}")
     proof = proof_of(found, solution, bits)
-    proved = replace(solution, proofs=proof.rungs(solution))
+    proved = solution.with_judgement(proofs=proof.rungs(solution))
     if as_json:
         write_json({**proof.data, "ladder": ladder(proved)})
     else:

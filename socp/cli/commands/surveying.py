@@ -1,7 +1,7 @@
 """`socp census` and `socp frontier`: many solves of one problem, one table."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -107,7 +107,7 @@ def census(session: Session, /, **given: Any) -> int:
         best, place = found.best, None
         if best is not None:
             place = keep(
-                posed, replace(best, options={"starts": starts}, versions=versions()), path
+                posed, best.with_origin(options={"starts": starts}, versions=versions()), path
             )
             session.written.append(place.path)
     with signals_held():
@@ -293,10 +293,9 @@ def frontier(session: Session, /, **given: Any) -> int:
     best, place = found.best, None
     with signals_held():
         if best is not None:
-            options = {"max_switches": most, "dwell": dwell}
-            place = keep(
-                posed, replace(best, method="frontier", options=options, versions=versions()), path
-            )
+            asked = {"max_switches": most, "dwell": dwell}
+            best = best.with_origin(method="frontier", options=asked, versions=versions())
+            place = keep(posed, best, path)
             session.written.append(place.path)
     with signals_held():
         if given["as_json"]:

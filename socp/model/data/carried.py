@@ -2,7 +2,7 @@
 
 from socp.errors import ProblemError
 from socp.model.problem import Problem
-from socp.model.solution import Solution
+from socp.model.result.solution import Solution
 
 
 def carried_problem(solution: Solution) -> Problem | None:

@@ -13,14 +13,14 @@ import numpy as np
 
 from socp.errors import MethodError, ProblemError
 from socp.model.data import stated
-from socp.model.data.schema import Arc, Finding, Result
-from socp.model.findings import Condition
+from socp.model.data.schema import Arc, Finding, Result, in_parts
+from socp.model.result.findings import Condition
 from socp.model.tolerances import SAME_TIME
 from socp.model.word import Mode
 
 # versions of the layout that are read, the last of them written; in the first, results carried no
-# statement, and findings only words
-SCHEMAS = (1, 2)
+# statement, and findings only words; in the second, all fields were one table
+SCHEMAS = (1, 2, 3)
 # of a time, state, control or costate: the square of a larger one, which every norm takes,
 # overflows
 LARGEST = 1e150
@@ -34,22 +34,23 @@ def document(text: str) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise ProblemError(f"{type(found).__name__} where a table of fields is needed")
     if found.get("schema") not in SCHEMAS:
-        known = " and ".join(map(str, SCHEMAS))
+        known = f"{', '.join(map(str, SCHEMAS[:-1]))} and {SCHEMAS[-1]}"
         raise ProblemError(
             f"schema: {_shown(found.get('schema', 'none'))}; this socp reads schemas {known}"
         )
-    result = stated.record_of(found, Result)
+    result = stated.record_of(found if found["schema"] == SCHEMAS[-1] else in_parts(found), Result)
+    statement, verdict = result.origin.statement, result.judgement.verdict
     _texts(result)
-    if result.statement is not None:
-        _statement(result, result.statement)
+    if statement is not None:
+        _statement(result, statement)
     for k, arc in enumerate(result.arcs):
         _arc(f"arcs[{k}]", arc, result)
-    for k, finding in enumerate(result.verdict.findings if result.verdict else ()):
-        _finding(f"verdict.findings[{k}]", finding)
+    for k, finding in enumerate(verdict.findings if verdict else ()):
+        _finding(f"judgement.verdict.findings[{k}]", finding)
     _in_order(result.arcs)
-    _structure(result)
-    if result.statement is not None:
-        check_constraints(result, stated.constraint_names(result.statement))
+    _structure(result.judgement.structure, result.control_names)
+    if statement is not None:
+        check_constraints(result, stated.constraint_names(statement))
     filled: dict[str, Any] = msgspec.to_builtins(result)
     return filled
 
@@ -93,11 +94,10 @@ def _statement(result: Result, statement: Mapping[str, Any]) -> None:
     try:
         stated.check(statement)
     except ProblemError as error:
-        raise ProblemError(f"statement.{error}") from error
+        raise ProblemError(f"origin.statement.{error}") from error
     if result.problem != statement["name"]:
-        raise ProblemError(
-            f"statement.name: '{statement['name']}', but the problem is called '{result.problem}'"
-        )
+        named = f"'{statement['name']}', but the problem is called '{result.problem}'"
+        raise ProblemError(f"origin.statement.name: {named}")
     fields = (
         ("state_names", "states"),
         ("control_names", "controls"),
@@ -147,7 +147,7 @@ def _texts(result: Result) -> None:
     """Check the names: they tell things apart, and hold nothing that a terminal would obey."""
     names = {
         "problem": [result.problem],
-        "method": [result.method],
+        "origin.method": [result.origin.method],
         "parameters": result.parameters,
     }
     for field, texts in {
@@ -256,16 +256,17 @@ def _in_order(arcs: list[Arc]) -> None:
             )
 
 
-def _structure(result: Result) -> None:
-    if result.structure and set(result.structure) != set(result.control_names):
-        has, needs = (
-            ", ".join(each) or "none" for each in (result.structure, result.control_names)
-        )
-        raise ProblemError(f"structure: of the controls {has}, but there are {needs}")
-    for name, stretches in result.structure.items():
+def _structure(
+    structure: Mapping[str, Sequence[tuple[str, float, float]]], controls: Sequence[str]
+) -> None:
+    where = "judgement.structure"
+    if structure and set(structure) != set(controls):
+        has, needs = (", ".join(each) or "none" for each in (structure, controls))
+        raise ProblemError(f"{where}: of the controls {has}, but there are {needs}")
+    for name, stretches in structure.items():
         if not stretches:
-            raise ProblemError(f"structure.{name}: no stretch")
+            raise ProblemError(f"{where}.{name}: no stretch")
         for k, (mode, start, end) in enumerate(stretches):
-            _mode(f"structure.{name}[{k}]", mode)
+            _mode(f"{where}.{name}[{k}]", mode)
             if not start <= end:
-                raise ProblemError(f"structure.{name}[{k}]: it begins at {start} and ends at {end}")
+                raise ProblemError(f"{where}.{name}[{k}]: it begins at {start} and ends at {end}")

@@ -12,11 +12,15 @@ import msgspec
 import numpy as np
 
 from socp.errors import ProblemError, SolveError
-from socp.model.arc import Arc
 from socp.model.data import consistency
 from socp.model.data.schema import Result
 from socp.model.data.stated import Number, number, quotation
-from socp.model.findings import (
+from socp.model.ladder.grade import Grade
+from socp.model.ladder.rungs import Proof, Rung
+from socp.model.ladder.second_order import Curvature, Descent, Minimum, SecondOrder
+from socp.model.ladder.starts import Met, Starts
+from socp.model.result.arc import Arc
+from socp.model.result.findings import (
     Agreement,
     Condition,
     Feasibility,
@@ -25,11 +29,8 @@ from socp.model.findings import (
     Place,
     Verdict,
 )
-from socp.model.ladder.grade import Grade
-from socp.model.ladder.rungs import Proof, Rung
-from socp.model.ladder.second_order import Curvature, Descent, Minimum, SecondOrder
-from socp.model.ladder.starts import Met, Starts
-from socp.model.solution import Solution, Stop
+from socp.model.result.records import Effort, Judgement, Origin
+from socp.model.result.solution import Solution, Stop
 from socp.model.word import Mode
 from socp.process import read_text, write_atomic
 
@@ -81,19 +82,34 @@ def from_json(text: str) -> Solution:
     except ProblemError as error:
         raise SolveError(f"not a socp result: {quotation(error)}") from error
     values = _read(document, Result)
-    places = _stretches(values["structure"])
     records = {
         "arcs": tuple(map(_arc, values["arcs"])),
         "stop": stop,
+        "effort": _effort(values["effort"]),
+        "judgement": _judgement(values["judgement"]),
+        "origin": Origin(**values["origin"]),
+    }
+    known = {f.name: values[f.name] for f in fields(Solution)}
+    return Solution(**{**known, **records})
+
+
+def _effort(values: Mapping[str, Any]) -> Effort:
+    records = {
         "nodes": tuple(Node(**each) for each in values["nodes"]),
-        "agreement": values["agreement"] and Agreement(**values["agreement"]),
         "starts": values["starts"] and _starts(values["starts"]),
+    }
+    return Effort(**{**values, **records})
+
+
+def _judgement(values: Mapping[str, Any]) -> Judgement:
+    places = _stretches(values["structure"])
+    records = {
+        "agreement": values["agreement"] and Agreement(**values["agreement"]),
         "proofs": tuple(map(_proof, values["proofs"])),
         "verified": tuple(Feasibility(**each) for each in values["verified"]),
         "verdict": values["verdict"] and _verdict(values["verdict"], places),
     }
-    known = {f.name: values[f.name] for f in fields(Solution)}
-    return Solution(**{**known, **records})
+    return Judgement(**{**values, **records})
 
 
 def _starts(values: Mapping[str, Any]) -> Starts:

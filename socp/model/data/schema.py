@@ -1,5 +1,6 @@
 """The layout of result files: which fields there are, and what may stand in each."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -168,15 +169,45 @@ class Proof(Record):
     statement: str
 
 
+class Effort(Record):
+    """How a solution was reached."""
+
+    iterations: Count
+    seconds: dict[str, Number]
+    trace: dict[str, Row]
+    nodes: list[Node]
+    meshes: Matrix
+    starts: Starts | None = None  # older files have none
+
+
+class Judgement(Record):
+    """What is known of a solution."""
+
+    structure: dict[str, list[tuple[str, float, float]]]
+    verified: list[Feasibility]
+    verdict: Verdict | None
+    agreement: Agreement | None
+    proofs: tuple[Proof, ...] = ()  # older files have none
+
+
+class Origin(Record):
+    """Where a solution is from."""
+
+    method: str  # empty where nobody has stamped it
+    options: dict[str, Any]
+    versions: dict[str, str]
+    statement: dict[str, Any] | None = None
+    unstated: str = ""
+
+
 class Result(Record):
     """A result file."""
 
-    schema: Literal[1, 2]
+    schema: Literal[1, 2, 3]
     word: str
     switches: list[float]
     extremal: bool | None
     problem: Name
-    method: str  # empty where nobody has stamped it
     arcs: Annotated[list[Arc], msgspec.Meta(min_length=1)]
     objective: Number
     stop: str
@@ -184,18 +215,17 @@ class Result(Record):
     state_names: list[Name]
     control_names: list[Name]
     parameters: dict[Name, Number]
-    options: dict[str, Any]
-    versions: dict[str, str]
-    iterations: Count
-    seconds: dict[str, Number]
-    trace: dict[str, Row]
-    structure: dict[str, list[tuple[str, float, float]]]
-    verified: list[Feasibility]
-    verdict: Verdict | None
-    nodes: list[Node]
-    meshes: Matrix
-    agreement: Agreement | None
-    starts: Starts | None = None  # older files have none
-    proofs: tuple[Proof, ...] = ()  # older files have none
-    statement: dict[str, Any] | None = None
-    unstated: str = ""
+    effort: Effort
+    judgement: Judgement
+    origin: Origin
+
+
+def in_parts(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the document of an older file, which held all fields in one table, in the parts of
+    today's.
+    """
+    own, parts = dict(document), {"effort": Effort, "judgement": Judgement, "origin": Origin}
+    for part, record in parts.items():
+        names = [name for name in record.__struct_fields__ if name in own]
+        own[part] = {name: own.pop(name) for name in names}
+    return own

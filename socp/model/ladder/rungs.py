@@ -14,9 +14,9 @@ from socp.model.ladder.second_order import Minimum
 from socp.model.tolerances import APPROXIMATE, COMPARED, EXTREMAL, FEASIBLE
 
 if TYPE_CHECKING:
-    from socp.model.findings import Verdict
     from socp.model.ladder.starts import Starts
-    from socp.model.solution import Solution
+    from socp.model.result.findings import Verdict
+    from socp.model.result.solution import Solution
 
 
 class Rung(Enum):

@@ -153,8 +153,8 @@ def _told(problem: Problem, solution: Solution, outcome: Outcome, seconds: float
     objective = outcome.point.objective
     node = Node(word=word, stop=outcome.point.stop.name, objective=objective, bound=outcome.bound)
     spent = {"build": seconds - outcome.point.seconds.get("solve", 0.0), **outcome.point.seconds}
-    return replace(
-        solution, objective=objective, message="; ".join(parts), nodes=(node,), seconds=spent
+    return replace(solution, objective=objective, message="; ".join(parts)).with_effort(
+        nodes=(node,), seconds=spent
     )
 
 

@@ -84,7 +84,7 @@ class BoundedSearch:
         found = self._concluded(branching, directs)
         own = {name: found.seconds.get(name, 0.0) for name in ("build", "solve")}
         seconds = {"search": time.perf_counter() - began - sum(own.values()), **own}
-        return replace(found, seconds=seconds, nodes=tuple(branching.nodes))
+        return found.with_effort(seconds=seconds, nodes=tuple(branching.nodes))
 
     def _most(self) -> int:
         """Return the bound on the switches."""

@@ -8,7 +8,7 @@ from typing import final
 
 import numpy as np
 
-from socp.model import COMPARED, TINY, Descent, Problem, Solution
+from socp.model import COMPARED, TINY, Descent, Judgement, Problem, Solution
 from socp.transcription import rejoin
 from socp.verdict.minimum.induced import Pair
 from socp.verdict.reintegration import verify
@@ -67,8 +67,7 @@ def _moved(problem: Problem, solution: Solution, pair: Pair, change: np.ndarray)
     predicted = float(0.5 * q @ pair.fine.hessian @ q)
     cost = pair.fine.conditions.linearised(at).cost
     other = rejoin(shooting.lifted(at, cost), pair.pieces)
-    other = replace(other, verified=(), verdict=None, agreement=None, nodes=(), meshes=())
-    other = replace(other, verified=verify(problem, other))
+    other = replace(other, judgement=Judgement(verified=verify(problem, other)))
     before, after = solution.verified[0], other.verified[0]
     found = after.objective - before.objective
     noise = _NOISE * max(abs(before.objective), TINY)

@@ -77,8 +77,8 @@ def with_second_order(problem: Problem, solution: Solution) -> Solution:
         return solution
     began = time.perf_counter()
     verdict = replace(verdict, second_order=second_order(problem, solution))
-    seconds = {**solution.seconds, "second order": time.perf_counter() - began}
-    return replace(solution, verdict=verdict, seconds=seconds)
+    seconds = {"second order": time.perf_counter() - began}
+    return solution.with_judgement(verdict=verdict).spent(**seconds)
 
 
 def _undecided(found: Curvature) -> str:

@@ -13,7 +13,17 @@ from typing import Any
 import numpy as np
 
 from socp.errors import MethodError, ProblemError
-from socp.model import Arc, Mode, Problem, Solution, Stop, known_problem, parameters_of
+from socp.model import (
+    Arc,
+    Judgement,
+    Mode,
+    Origin,
+    Problem,
+    Solution,
+    Stop,
+    known_problem,
+    parameters_of,
+)
 from socp.verdict.certify import with_statement
 from socp.verdict.motion import Control, Log, Piece, piece_of_law, pieces_in_time, travel
 from socp.verdict.reintegration import measured
@@ -74,12 +84,16 @@ def simulated(
             state_names=solution.state_names,
             control_names=solution.control_names,
             parameters=solution.parameters,
-            verified=(replace(found, gap=0.0),),
-            method="simulate",
-            options={"feedback": "function" if callable(feedback) else bool(feedback)},
-            versions=solution.versions,
+            judgement=Judgement(verified=(replace(found, gap=0.0),)),
+            origin=_origin(solution, feedback),
         ),
     )
+
+
+def _origin(solution: Solution, feedback: Feedback | bool) -> Origin:
+    kind = "function" if callable(feedback) else bool(feedback)
+    versions = solution.origin.versions
+    return Origin(method="simulate", options={"feedback": kind}, versions=versions)
 
 
 def _ends(arc: Arc) -> tuple[float, float]:

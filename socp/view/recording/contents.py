@@ -187,7 +187,7 @@ def _solver(solution: Solution, run: Run) -> Iterator[Item]:
     """Yield the trace of the solver by iteration, as it is and, where it spans powers of ten, as
     logarithms.
     """
-    for k, (name, values) in enumerate(solution.trace.items()):
+    for k, (name, values) in enumerate(solution.effort.trace.items()):
         colour, at = PALETTE[k % len(PALETTE)], np.arange(len(values), dtype=float)
         plain = run.series(f"solver/{name}", at, np.array(values, dtype=float), name, colour)
         yield replace(plain, timeline="iteration")
@@ -220,7 +220,7 @@ def _search(solution: Solution, run: Run) -> Iterator[Item]:
                 shown = log10(values) if name in {"miss", "residual"} else values
                 line = run.series(f"search/{name}", at, shown, name, PALETTE[k])
                 yield replace(line, timeline="refinement")
-    meshes = [np.array(mesh) for mesh in (*solution.meshes, solution.corners)]
+    meshes = [np.array(mesh) for mesh in (*solution.effort.meshes, solution.corners)]
     for k, mesh in enumerate(meshes):
         row = run.series(
             f"mesh/{k}", mesh, np.full(mesh.size, float(k)), f"mesh {k}", PALETTE[k % len(PALETTE)]

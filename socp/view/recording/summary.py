@@ -30,8 +30,8 @@ def summary(problem: Problem, solution: Solution) -> str:
     ]
     if problem.reference is not None:
         parts.append(f"## Reference\n\n{markdown(problem.reference.source)}")
-    if solution.versions:
-        known = (markdown(f"{name} {version}") for name, version in solution.versions.items())
+    if versions := solution.origin.versions:
+        known = (markdown(f"{name} {version}") for name, version in versions.items())
         parts.append(f"## Versions\n\n{', '.join(known)}")
     return "\n\n".join(parts)
 

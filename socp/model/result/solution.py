@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from socp.model.arc import Arc, Which
 from socp.model.data.views import view
-from socp.model.findings import Agreement, Feasibility, Node, Verdict
 from socp.model.ladder.rungs import Proof
 from socp.model.ladder.sensitivity import Sensitivities
 from socp.model.ladder.starts import Starts
+from socp.model.result.arc import Arc, Which
+from socp.model.result.findings import Feasibility, Node, Verdict
+from socp.model.result.records import Effort, Judgement, Origin
 from socp.model.tolerances import EXTREMAL
 from socp.model.word import Word
 
@@ -45,21 +46,13 @@ class Stop(Enum):
 @final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Solution:
-    """What a method returns, a point without a claim, and what is known of it since.
+    """What a method returns, a point without a claim, and three records of what is known besides:
+    the `effort` that it cost, the `judgement` of it, and its `origin`.
 
-    `objective` is the method's own value; `parameters` by name; `trace` maps a quantity to its
-    value per iteration; `seconds` is split into build and solve. `nodes`: what a search over words
-    tried, in order; `meshes`: the ends of all intervals (k,), in time, of every mesh solved on
-    before this one. `structure` gives every control's stretches (mode, start, end). `verified`
-    holds the feasibility by time and, where the word has laws, by feedback; `verdict` is the
-    judge's. `agreement`: how far apart two computations of this solution are, where there were two.
-    `starts`: from how many starts a search took the best, None where it made none;
-    `proofs`: what was proved of it since it was judged.
-    `statement` is the problem that was judged, as data; `unstated` says why there is none, where it
-    cannot be written.
+    `objective` is the method's own value; `parameters` by name. What is asked most of the records
+    can be read from the solution itself: `solution.verdict` is `solution.judgement.verdict`.
     """
 
-    # what the method returns
     problem: str
     arcs: tuple[Arc, ...]
     objective: float
@@ -68,25 +61,9 @@ class Solution:
     state_names: tuple[str, ...] = ()
     control_names: tuple[str, ...] = ()
     parameters: Mapping[str, float] = field(default_factory=dict)
-    # how it got there
-    iterations: int = 0
-    seconds: Mapping[str, float] = field(default_factory=dict)
-    trace: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-    nodes: tuple[Node, ...] = ()
-    meshes: tuple[tuple[float, ...], ...] = ()
-    # what the judge says
-    structure: Mapping[str, tuple[tuple[str, float, float], ...]] = field(default_factory=dict)
-    verified: tuple[Feasibility, ...] = ()
-    verdict: Verdict | None = None
-    agreement: Agreement | None = None
-    starts: Starts | None = None
-    proofs: tuple[Proof, ...] = ()
-    # where it comes from
-    method: str
-    options: Mapping[str, Any] = field(default_factory=dict)
-    versions: Mapping[str, str] = field(default_factory=dict)
-    statement: Mapping[str, Any] | None = None
-    unstated: str = ""
+    effort: Effort = field(default_factory=Effort)
+    judgement: Judgement = field(default_factory=Judgement)
+    origin: Origin = field(default_factory=Origin)
 
     def __repr__(self) -> str:
         judged = {None: "not judged", True: "certified", False: "not certified"}[self.extremal]
@@ -122,6 +99,56 @@ class Solution:
     def _columns(self) -> Mapping[str, np.ndarray]:
         found: Mapping[str, np.ndarray] = view("table")(self)
         return found
+
+    @property
+    def seconds(self) -> Mapping[str, float]:
+        """What every stage took, in seconds."""
+        return self.effort.seconds
+
+    @property
+    def nodes(self) -> tuple[Node, ...]:
+        """The words that a search tried, in order."""
+        return self.effort.nodes
+
+    @property
+    def starts(self) -> Starts | None:
+        """From how many starts it is the best; None where no search made any."""
+        return self.effort.starts
+
+    @property
+    def structure(self) -> Mapping[str, tuple[tuple[str, float, float], ...]]:
+        """Every control's stretches (mode, start, end)."""
+        return self.judgement.structure
+
+    @property
+    def verified(self) -> tuple[Feasibility, ...]:
+        """Its feasibility by re-integration: of the control in time, and of its laws."""
+        return self.judgement.verified
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """What the judge found; None where nobody judged."""
+        return self.judgement.verdict
+
+    @property
+    def proofs(self) -> tuple[Proof, ...]:
+        """What was proved of it."""
+        return self.judgement.proofs
+
+    @property
+    def method(self) -> str:
+        """The method that returned it."""
+        return self.origin.method
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        """The options of its method."""
+        return self.origin.options
+
+    @property
+    def statement(self) -> Mapping[str, Any] | None:
+        """The problem that was judged, as data; None where it cannot be written."""
+        return self.origin.statement
 
     @property
     def extremal(self) -> bool | None:
@@ -235,17 +262,23 @@ class Solution:
         """Return this solution with what an earlier one, which it continues, cost and tried before
         it added.
         """
-        keys = {**earlier.seconds, **self.seconds}
-        seconds = {key: self.seconds.get(key, 0.0) + earlier.seconds.get(key, 0.0) for key in keys}
-        trace = {key: (*earlier.trace.get(key, ()), *values) for key, values in self.trace.items()}
-        return replace(
-            self,
-            seconds=seconds,
-            trace=trace,
-            iterations=self.iterations + earlier.iterations,
-            nodes=(*earlier.nodes, *self.nodes),
-            meshes=(*earlier.meshes, earlier.corners, *self.meshes),
-        )
+        return replace(self, effort=self.effort.after(earlier.effort, earlier.corners))
+
+    def with_effort(self, **changes: Any) -> "Solution":
+        """Return this solution with fields of its `Effort` changed."""
+        return replace(self, effort=replace(self.effort, **changes))
+
+    def with_judgement(self, **changes: Any) -> "Solution":
+        """Return this solution with fields of its `Judgement` changed."""
+        return replace(self, judgement=replace(self.judgement, **changes))
+
+    def with_origin(self, **changes: Any) -> "Solution":
+        """Return this solution with fields of its `Origin` changed."""
+        return replace(self, origin=replace(self.origin, **changes))
+
+    def spent(self, **seconds: float) -> "Solution":
+        """Return this solution with the seconds of stages in place of what they took before."""
+        return self.with_effort(seconds={**self.seconds, **seconds})
 
     @property
     def corners(self) -> tuple[float, ...]:

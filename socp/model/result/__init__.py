@@ -1,0 +1,1 @@
+"""A solution in four parts: its point, what it cost, what is judged of it, where it is from."""
