@@ -245,7 +245,7 @@ def test_the_path_stands_where_there_is_a_result(problem: Problem, exact: Soluti
 def test_outcomes_and_their_exit_codes(
     exact: Solution, change: dict[str, object], came_to: Outcome, exit_code: Exit, strict: Exit
 ) -> None:
-    solution = replace(exact, **change)
+    solution = revised(exact, **change)
     assert outcome_of(solution) is outcome(solution) is came_to
     assert (code(solution), code(solution, strict=True)) == (exit_code, strict)
 
