@@ -1,5 +1,6 @@
 """Both ends of a problem as far as they can be guessed, and how long the way between them takes."""
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import casadi
@@ -11,6 +12,7 @@ from socp.model import (
     final_time,
     initial_time,
     mayer_function,
+    numbers,
     rate_function,
     running_function,
     shown_sizes,
@@ -56,10 +58,7 @@ def travel_time(problem: Problem, x0: np.ndarray, xf: np.ndarray, t0: float) -> 
         np.arange(problem.box.shape[1])[:, None],
     ]
     p = np.clip(np.zeros(problem.p.numel()), *problem.parameter_box)
-    values = [function(x[:, k], u[:, k], t0, p) for k in range(count)]
-    first, curve = (
-        np.nanmax(np.abs(np.hstack([v[i].full() for v in values])), axis=1) for i in (0, 1)
-    )
+    first, curve = (np.nanmax(np.abs(each), axis=1) for each in numbers(function, x, u, t0, p))
     distance = np.abs(xf - x0)
     with np.errstate(divide="ignore", invalid="ignore"):
         needed = 2.0 * distance / (first + np.sqrt(first**2 + 2.0 * curve * distance))
@@ -92,7 +91,7 @@ def _reach(problem: Problem, x0: np.ndarray, xf: np.ndarray) -> np.ndarray:
     for _ in range(
         30
     ):  # Newton from afar halves a quadratic's distance at every step: 30 cover nine digits
-        value, slope = (each.full() for each in function(xf, x0, 0.0, 0.0, 1.0))
+        value, slope = numbers(function, xf, x0, np.zeros(problem.p.numel()), 0.0, 1.0)
         if not np.isfinite(value).all() or not np.isfinite(slope).all():
             break
         movable = free * (np.maximum(np.abs(xf), _SMALL * size) if apart else 1.0)
@@ -240,10 +239,9 @@ def _sizes(problem: Problem, runs: _Runs, whole: float) -> np.ndarray:
     A rate is none where it is rounding against what it is around the start: the cosine of a heading
     straight across is 6e-17.
     """
-    flow = rate_function(problem).map(runs.x0.shape[1])
 
     def rate(x: np.ndarray) -> np.ndarray:
-        found = np.abs(flow(x, runs.bangs[0], runs.t0, runs.p).full())
+        found = np.abs(numbers(rate_function(problem), x, runs.bangs[0], runs.t0, runs.p)[0])
         most: np.ndarray = np.where(np.isfinite(found), found, 0.0).max(axis=1)
         return most
 
@@ -259,16 +257,16 @@ def _simulated(problem: Problem, runs: _Runs, lengths: np.ndarray, steps: int) -
     """Integrate the bang controls for times `lengths` (n,) by Runge-Kutta, states (nx, n) kept
     within their bounds.
     """
-    flow = rate_function(problem).map(lengths.size)
+    flow = partial(numbers, rate_function(problem))
     low, high = problem.state_box
     x, h = runs.x0, lengths / steps
     for k in range(steps):
         u, t = runs.bangs[k * _DRAWS // steps], runs.t0 + h * k
         with np.errstate(all="ignore"):
-            a = flow(x, u, t, runs.p).full()
-            b = flow(x + h / 2 * a, u, t + h / 2, runs.p).full()
-            c = flow(x + h / 2 * b, u, t + h / 2, runs.p).full()
-            d = flow(x + h * c, u, t + h, runs.p).full()
+            (a,) = flow(x, u, t, runs.p)
+            (b,) = flow(x + h / 2 * a, u, t + h / 2, runs.p)
+            (c,) = flow(x + h / 2 * b, u, t + h / 2, runs.p)
+            (d,) = flow(x + h * c, u, t + h, runs.p)
             x = np.clip(x + h / 6 * (a + 2 * b + 2 * c + d), low[:, None], high[:, None])
     return x
 
@@ -306,9 +304,8 @@ def _worth(problem: Problem, runs: _Runs, x: np.ndarray, t: np.ndarray, whole: f
 
     Where there is none, the horizon.
     """
-    t0 = np.full(t.size, runs.t0)
-    running = running_function(problem).map(x.shape[1])(x, runs.bangs[-1], t, runs.p).full()
-    mayer = mayer_function(problem).map(x.shape[1])(x, runs.x0, runs.p, t0, t).full()
+    (running,) = numbers(running_function(problem), x, runs.bangs[-1], t, runs.p)
+    (mayer,) = numbers(mayer_function(problem), x, runs.x0, runs.p, runs.t0, t)
     return (_typical(running) * whole + _typical(mayer)) or whole
 
 

@@ -8,7 +8,7 @@ import casadi
 import numpy as np
 
 from socp.laws.drawing import guessed_ends, reachable_points
-from socp.model import TINY, Expr, Problem, once, time
+from socp.model import TINY, Expr, Problem, numbers, once, time
 
 COUNT = 24  # points; a false "zero" would need chance to strike at most of them
 # Points where COUNT of them are too few: what is looked for may lie in a corner of the states
@@ -50,17 +50,13 @@ def evaluator(problem: Problem, *expressions: Expr) -> Evaluate:
     )
 
     def evaluate(points: np.ndarray) -> tuple[np.ndarray, ...]:
-        n = points.shape[1]
-        if not n:  # casadi maps over one column at least
-            return tuple(np.empty((0, *e.shape)) for e in shaped)
-        results = function.map(n)(points)
-        listed = results if isinstance(results, tuple) else (results,)
+        n, found = points.shape[1], numbers(function, points)
         return tuple(
-            np.array(r.full()).reshape(e.shape[0], n, e.shape[1]).transpose(1, 0, 2)
-            for r, e in zip(listed, shaped, strict=True)
+            each.reshape(shape[0], n, shape[1]).transpose(1, 0, 2)
+            for each, shape in zip(found, shapes, strict=True)
         )
 
-    shaped = [casadi.SX(e) for e in expressions]
+    shapes = [function.size_out(i) for i in range(function.n_out())]
     return evaluate
 
 

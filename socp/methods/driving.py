@@ -7,7 +7,7 @@ import numpy as np
 from scipy.integrate import BDF
 
 from socp.methods.guess import guess_of
-from socp.model import Problem, Solution, parameters_of, rate_function
+from socp.model import Problem, Solution, numbers, parameters_of, rate_function
 from socp.transcription import state_magnitudes
 
 # Of the box: the ends of what a control can do and between; growth and decay balance anywhere
@@ -77,7 +77,7 @@ def _driven(
     sizes, x0 = state_magnitudes(problem, guess), guess.rows("x")[:, 0]
 
     def moved(t: float, x: np.ndarray) -> np.ndarray:
-        return np.array(rate(x, u, t, p).full()).ravel()
+        return numbers(rate, x, u, t, p)[0].ravel()
 
     t = np.linspace(guess.initial_time, last, _NODES)
     with np.errstate(all="ignore"):  # towards a pole

@@ -20,6 +20,7 @@ from socp.model import (
     Word,
     final_time,
     initial_time,
+    numbers,
     scales,
     time,
 )
@@ -171,5 +172,4 @@ def _within(value: Any, box: tuple[float, float], otherwise: float) -> float:
 def _row(value: Any, t: np.ndarray, share: np.ndarray) -> np.ndarray:
     if isinstance(value, (tuple, list, np.ndarray)):
         return float(value[0]) + (float(value[1]) - float(value[0])) * share
-    row = casadi.Function("guess", [time], [casadi.SX(value)]).map(t.size)(t[None, :])
-    return np.array(row.full()).ravel()
+    return numbers(casadi.Function("guess", [time], [casadi.SX(value)]), t)[0].ravel()

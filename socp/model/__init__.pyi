@@ -19,9 +19,11 @@ from .evaluation import constraint_function as constraint_function
 from .evaluation import end_symbols as end_symbols
 from .evaluation import end_values as end_values
 from .evaluation import evaluate as evaluate
+from .evaluation import fast as fast
 from .evaluation import magnitude as magnitude
 from .evaluation import mayer_function as mayer_function
 from .evaluation import mayer_slopes as mayer_slopes
+from .evaluation import numbers as numbers
 from .evaluation import objective_size as objective_size
 from .evaluation import once as once
 from .evaluation import parameters_of as parameters_of

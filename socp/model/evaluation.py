@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial, wraps
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar, final
 
 import casadi
 import numpy as np
@@ -115,11 +115,98 @@ def evaluate(function: casadi.Function, *given: np.ndarray) -> list[np.ndarray]:
     everywhere. A result of k columns has k n of them, a point's next to one another.
     """
     *columns, t, p = given
-    if not t.size:  # casadi maps over one column at least
-        return [np.empty((function.size1_out(i), 0)) for i in range(function.n_out())]
-    p = p if p.ndim == 2 else np.repeat(p[:, None], t.size, axis=1)
-    found = function.map(t.size)(*columns, t[None, :], p)
-    return [each.full() for each in (found if isinstance(found, tuple) else (found,))]
+    return numbers(function, *columns, t[None, :], p if p.ndim == 2 else p[:, None])
+
+
+def numbers(function: casadi.Function, *given: np.ndarray | float) -> list[np.ndarray]:
+    """Return the results (r, c n) of a casadi function at n points, one beside the other.
+
+    What is given is (rows, k n) where the function asks for (rows, k), the same everywhere where it
+    is (rows, k), as (rows,) and numbers are. Both sides work on the same memory: what casadi's own
+    conversions of arrays cost is several evaluations' worth. ValueError refuses other sizes.
+    """
+    asked, told = _ports(function)
+    flat = [np.asarray(each, dtype=float).ravel("F") for each in given]
+    counts = {v.size / size for v, (size, _) in zip(flat, asked, strict=True) if size}
+    count = 0 if 0 in counts else int(max(counts, default=1))
+    if not counts <= {0, 1, count}:
+        raise ValueError(f"{function}: given {', '.join(str(np.shape(each)) for each in given)}")
+    if not count:  # casadi maps over one column at least
+        return [np.empty((rows, 0)) for rows, _, _ in told]
+    loaned = function.__dict__.pop("loaned", None)  # nobody else works on it meanwhile
+    desk = loaned if loaned is not None and loaned.count == count else _Desk(function, count)
+    for (size, entries), values, at in zip(asked, flat, desk.given, strict=True):
+        if size:
+            columns = values.reshape(-1, size)
+            at[:] = columns if entries is None else columns[:, entries]
+    desk.trigger()
+    found = []
+    for (rows, columns, entries), at in zip(told, desk.found, strict=True):
+        if entries is None:
+            whole = at.copy()
+        else:
+            whole = np.zeros((count, rows * columns))
+            whole[:, entries] = at
+        found.append(whole.reshape(count * columns, rows).T)
+    function.__dict__["loaned"] = desk
+    return found
+
+
+@final
+class _Desk:
+    """The memory on which a function works at so many points: what is given and what is found,
+    (count, entries) each.
+    """
+
+    def __init__(self, function: casadi.Function, count: int) -> None:
+        self.count, self.function = count, function.map(count)
+        self.buffer, self.trigger = self.function.buffer()
+        inward = [function.nnz_in(i) for i in range(function.n_in())]
+        outward = [function.nnz_out(i) for i in range(function.n_out())]
+        self.given, self.found = (
+            [np.zeros((count, each)) for each in sizes] for sizes in (inward, outward)
+        )
+        for place, arrays in ((self.buffer.set_arg, self.given), (self.buffer.set_res, self.found)):
+            for i, each in enumerate(arrays):
+                if each.size:
+                    place(i, each.reshape(-1).data)
+
+
+@once
+def _ports(
+    function: casadi.Function,
+) -> tuple[list[tuple[int, np.ndarray | None]], list[tuple[int, int, np.ndarray | None]]]:
+    """Return the size of every argument and the rows and columns of every result, each with which
+    of its entries casadi keeps, None for all of them.
+    """
+    asked = [function.sparsity_in(i) for i in range(function.n_in())]
+    told = [function.sparsity_out(i) for i in range(function.n_out())]
+
+    def kept(sparsity: casadi.Sparsity) -> np.ndarray | None:
+        return None if sparsity.is_dense() else np.array(sparsity.find(), dtype=int)
+
+    return (
+        [(each.numel(), kept(each)) for each in asked],
+        [(*each.shape, kept(each)) for each in told],
+    )
+
+
+def fast(function: casadi.Function) -> Callable[..., np.ndarray]:
+    """Return a function of numpy arrays for a casadi function of one dense output column, quick to
+    call at one point after another.
+    """
+    desk = _Desk(function, 1)
+    places = [(i, each[0]) for i, each in enumerate(desk.given) if each.size]
+    trigger, found = desk.trigger, desk.found[0][0]
+
+    def call(*arguments: np.ndarray | float) -> np.ndarray:
+        for i, place in places:
+            place[:] = arguments[i]
+        trigger()
+        return found.copy()
+
+    call.__dict__["keep"] = desk  # the buffer must outlive the call
+    return call
 
 
 # -- values and sizes
@@ -148,9 +235,8 @@ def sizes(problem: Problem, t: np.ndarray, x: np.ndarray, p: np.ndarray) -> np.n
     take it, at the rate where it begins.
     """
     magnitude = shown_sizes(problem, x)
-    rate = rate_function(problem)
-    ends = [np.abs(rate(x[:, 0], u, t[0], p).full().ravel()) for u in problem.box]
-    reach = np.nan_to_num(np.max(ends, axis=0) * (t[-1] - t[0]), posinf=0.0)
+    rates = numbers(rate_function(problem), x[:, 0], problem.box.T, t[0], p)[0]
+    reach = np.nan_to_num(np.abs(rates).max(axis=1) * (t[-1] - t[0]), posinf=0.0)
     here = (magnitude > 0) & (magnitude > ROUNDED * reach)
     return np.where(here, magnitude, np.where(reach > 0, reach, 1.0))
 
@@ -179,7 +265,7 @@ def objective_size(problem: Problem, solution: Solution) -> float:
     cost, mayer = running_function(problem), mayer_function(problem)
     running = [magnitude(partial(_running, cost, u[:, None], t, p), x, scale) for u in problem.box]
     ends = solution.initial_time, solution.final_time
-    last = magnitude(lambda xf: mayer(xf, x[:, 0], p, *ends).full().ravel(), x[:, -1:], scale)
+    last = magnitude(lambda xf: numbers(mayer, xf, x[:, 0], p, *ends)[0].ravel(), x[:, -1:], scale)
     typical = np.nanmedian(np.max(running, axis=0)) if np.isfinite(running).any() else 0.0
     size = float(typical) * (ends[1] - ends[0]) + float(last[0])
     return size if 0.0 < size < np.inf else 1.0

@@ -25,6 +25,7 @@ from socp.model import (
     Word,
     column,
     end_symbols,
+    numbers,
     parameters_of,
     scales,
     silent,
@@ -200,12 +201,10 @@ class _Shooting:
             state = self._flown(state, shots.levels[:, k], shots.lengths[:, k])
         nx = self.first.size
         x, cost, t, worst = state[:nx], state[nx], state[nx + 1], state[nx + 2]
-        n = int(t.size)
-        ends = [x, np.tile(self.first[:, None], n), np.tile(self.p[:, None], n)]
-        rows, mayer = self.ends.map(n)(*ends, np.full((1, n), self.times[0]), t[None])
-        cost = cost + mayer.full()[0]
+        rows, mayer = numbers(self.ends, x, self.first, self.p, self.times[0], t)
+        cost = cost + mayer[0]
         excess = np.maximum(cost - self.goal, 0.0) / (abs(self.cost) or 1.0)
-        off = np.vstack([rows.full(), worst, excess])
+        off = np.vstack([rows, worst, excess])
         off[:, ~np.isfinite(state).all(axis=0)] = np.nan  # fmax passes over what is no number
         return off.T, cost
 
@@ -241,7 +240,7 @@ class _Shooting:
         state = state.copy()
         state[nx + 3 : nx + 3 + nu] = (low + (high - low) * levels).T
         state[nx + 3 + nu] = lengths / _STEPS
-        return np.array(self.arc.map(lengths.size)(state).full())
+        return numbers(self.arc, state)[0]
 
     def _corrected(self, shots: _Shots, weights: np.ndarray, rounds: int) -> _Shots:
         """Return shots after some steps of Gauss and Newton in their lengths, which stay positive;

@@ -21,6 +21,7 @@ from socp.model import (
     constraint_function,
     evaluate,
     join,
+    numbers,
     parameters_of,
     time,
 )
@@ -223,11 +224,11 @@ class _Looks:
 
     def values(self, expression: Expr) -> Callable[[np.ndarray], np.ndarray]:
         """Return an expression (k, 1) as a function of times (n,) that gives (k, n)."""
-        function = casadi.Function("values", [self.given], [casadi.densify(expression)])
+        problem = self.phased.of
+        function = casadi.Function("values", [problem.x, time, problem.p], [expression])
 
         def at(t: np.ndarray) -> np.ndarray:
-            p = np.repeat(self.p[:, None], t.size, axis=1)
-            return np.array(function.map(t.size)(np.vstack([self.arc.at(t), t[None, :], p])).full())
+            return numbers(function, self.arc.at(t), t, self.p)[0]
 
         return at
 

@@ -3,7 +3,7 @@
 import casadi
 import numpy as np
 
-from socp.model import Expr, Problem, Solution, column, evaluate, fold, parameters_of, time
+from socp.model import Expr, Problem, Solution, column, evaluate, fold, numbers, parameters_of, time
 from socp.transcription.branches import build, kink
 
 # Random points at which expressions are compared: in more dimensions chance makes none parallel
@@ -43,11 +43,7 @@ def _apart(expressions: list[Expr], given: Expr) -> list[Expr]:
     random points tell.
     """
     at = np.random.default_rng(0).uniform(0.5, 1.5, (given.numel(), _DRAWS))
-    rows = (
-        casadi.Function("rows", [given], [casadi.densify(column(expressions))])
-        .map(_DRAWS)(at)
-        .full()
-    )
+    (rows,) = numbers(casadi.Function("rows", [given], [column(expressions)]), at)
     size = np.linalg.norm(rows, axis=1, keepdims=True)
     unit = rows / np.where(size > 0, size, 1.0)
     kept: list[int] = []

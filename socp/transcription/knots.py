@@ -12,7 +12,7 @@ import casadi
 import numpy as np
 from scipy.optimize import brentq
 
-from socp.model import SAME_TIME, Arc, Problem, Solution, column, once, time
+from socp.model import SAME_TIME, Arc, Problem, Solution, column, numbers, once, time
 from socp.transcription.branches import decided
 from socp.transcription.cutting import part
 from socp.transcription.kinks import kinks
@@ -45,13 +45,15 @@ def knot_times(problem: Problem) -> tuple[float, ...]:
         return ()
     values = casadi.Function("knots", [time], [column(of_time)])
     grid = np.linspace(first, end, _LOOKS + 1)
-    sampled = values.map(grid.size)(grid[None, :]).full()
+    sampled = numbers(values, grid)[0]
     apart = SAME_TIME * (end - first)
     found: list[float] = []
     for i, row in enumerate(sampled):
         found += grid[row == 0.0].tolist()  # a table by the hour has its knots on the grid
         for k in np.flatnonzero(row[:-1] * row[1:] < 0.0):
-            found.append(brentq(lambda t, i=i: float(values(t)[i]), grid[k], grid[k + 1]))
+            found.append(
+                brentq(lambda t, i=i: float(numbers(values, t)[0][i, 0]), grid[k], grid[k + 1])
+            )
     inside = [t for t in sorted(found) if first + apart < t < end - apart]
     return tuple(t for k, t in enumerate(inside) if k == 0 or t - inside[k - 1] > apart)
 

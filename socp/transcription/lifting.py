@@ -9,7 +9,7 @@ import casadi
 import numpy as np
 
 from socp.errors import MethodError
-from socp.model import Arc, Effort, Expr, Problem, Solution, time
+from socp.model import Arc, Effort, Problem, Solution, numbers, time
 from socp.solvers import NLPPoint
 from socp.transcription.mesh import Table
 from socp.transcription.phases import Phase, PhasedProblem
@@ -57,19 +57,6 @@ class Layout:
             lam_g=None if point.lam_g is None else point.lam_g * self.cost / self.rows,
             trace=trace,
         )
-
-
-def mapped(function: casadi.Function, arguments: list[Expr]) -> list[Expr]:
-    """Evaluate a function column by column; arguments of one column are repeated. No columns give
-    none.
-    """
-    count = arguments[0].shape[1]
-    if not count:  # casadi maps over one column at least
-        return [type(arguments[0])(function.size1_out(i), 0) for i in range(function.n_out())]
-    outputs = function.map(count)(
-        *(a if a.shape[1] == count else casadi.repmat(a, 1, count) for a in arguments)
-    )
-    return list(outputs) if function.n_out() > 1 else [outputs]
 
 
 def push(layout: Layout, guess: Solution) -> NLPPoint:
@@ -189,15 +176,13 @@ def _arc(layout: Layout, point: NLPPoint, k: int) -> Arc:
     free = _everywhere(v[layout.free[k]].reshape(t.collocated.size, -1).T, t, times)
     carried = v[layout.carried[k]].reshape(t.tau.size, -1).T
     z = v[layout.binaries[k]]
-    given = [x, free, carried, times[None, :], v[layout.parameters][:, None], z[:, None]]
+    given = [x, free, carried, times, v[layout.parameters], z]
     symbols = [problem.x, phase.free, phase.carried, time, problem.p, phase.z]
-    (u,) = mapped(
-        casadi.Function("control", symbols, [phase.control]), [casadi.DM(a) for a in given]
-    )
+    (u,) = numbers(casadi.Function("control", symbols, [phase.control]), *given)
     return Arc(
         t=times,
         x=x,
-        u=np.array(u.full()),
+        u=u,
         mesh=t.mesh,
         side=t.side,
         costate=carried if phase.carried.numel() else _costate(layout, point, k, given),
@@ -270,9 +255,9 @@ def _edge(
     if (weights > 0).all():
         stage = -(t.at_edges(t.B, last).T @ multipliers).T / weights
         nodes = t.mesh[last : t.mesh.size - 1 + last]
-        at = [casadi.DM(a if a.shape[1] == 1 else a[:, nodes]) for a in given]
-        (slope,) = mapped(gradient, [*at, casadi.DM(stage)])
-        sensitivity = sensitivity + length * weights * slope.full()
+        at = [*(a[:, nodes] for a in given[:3]), given[3][nodes], *given[4:]]
+        (slope,) = numbers(gradient, *at, stage)
+        sensitivity = sensitivity + length * weights * slope
     return sensitivity if last == 0 else -sensitivity
 
 

@@ -7,6 +7,7 @@ from typing import final
 
 import numpy as np
 
+from socp.model import numbers
 from socp.transcription.shooting import Shooting
 
 
@@ -57,7 +58,7 @@ class Linearised:
     @classmethod
     def of(cls, shooting: Shooting, w: np.ndarray) -> "Linearised":
         """Return what the equations are at variables w (n,)."""
-        given, cost, joined, at_ends = (each.full() for each in shooting.joined[0](w))
+        given, cost, joined, at_ends = numbers(shooting.joined[0], w)
         equations, slopes = np.zeros(shooting.signs.size), np.zeros((shooting.signs.size, w.size))
         equations[shooting.others], slopes[shooting.others] = given[:, 0], joined
         objective, gradient, spans = float(cost[0, 0]), at_ends[:, 0], []
@@ -76,7 +77,8 @@ class Linearised:
     def hessian(self, held: np.ndarray) -> np.ndarray:
         """Return the Hessian (n, n) of the cost and the equations times multipliers held (m,)."""
         shooting = self.shooting
-        found: np.ndarray = shooting.joined[1](self.at, held[shooting.others]).full()
+        found: np.ndarray
+        (found,) = numbers(shooting.joined[1], self.at, held[shooting.others])
         for k, (block, span) in enumerate(zip(shooting.blocks, self.spans, strict=True)):
             multipliers, motion = held[block.equations].T, shooting.motions[k]
             bent = motion.bent(span.given, multipliers, shooting.steps)

@@ -12,8 +12,7 @@ import casadi
 import numpy as np
 from scipy.integrate import DOP853
 
-from socp.model import Expr, Problem, cached, once, time
-from socp.transcription.lifting import mapped
+from socp.model import Expr, Problem, cached, numbers, once, time
 from socp.transcription.phases import Phase
 
 
@@ -98,5 +97,5 @@ def _sum(row: np.ndarray, slopes: list[Any]) -> Expr:
 def _evaluated(function: casadi.Function, given: list[np.ndarray]) -> list[np.ndarray]:
     """Return the matrices (n, r, c) that a function gives for n columns."""
     n = given[0].shape[1]
-    found = (each.full() for each in mapped(function, [casadi.DM(each) for each in given]))
+    found = numbers(function, *given)
     return [each.reshape(each.shape[0], n, -1).transpose(1, 0, 2) for each in found]

@@ -15,6 +15,7 @@ from socp.model import (
     Solution,
     end_values,
     evaluate,
+    numbers,
     objective_size,
     parameters_of,
     time,
@@ -87,9 +88,9 @@ class Scale:
         """Return the same of an end condition, from its slopes as a function of the ends."""
         if self.near is None:
             return 1.0
-        found = slopes(*end_values(problem, self.near))
+        found = numbers(slopes, *end_values(problem, self.near))
         sizes = (self.x, self.x, self.p, np.array([self.time]), np.array([self.time]))
-        return _size(sum(float(np.abs(s.full()[0]) @ z) for s, z in zip(found, sizes, strict=True)))
+        return _size(sum(float(np.abs(s[0]) @ z) for s, z in zip(found, sizes, strict=True)))
 
     def _change(self, problem: Problem, row: Expr, carried: Expr) -> float:
         if self.near is None:

@@ -22,11 +22,11 @@ from socp.model import (
     condition_slopes,
     end_values,
     mayer_function,
+    numbers,
     parameters_of,
     scales,
     time,
 )
-from socp.transcription.lifting import mapped
 from socp.transcription.motion import Motion, motion_of
 from socp.transcription.phases import Phase, PhasedProblem
 
@@ -244,8 +244,8 @@ class Shooting:
         ]
         for condition in problem.conditions:
             psi = condition_function(problem, condition)
-            slopes = condition_slopes(problem, condition)(*values)
-            size = sum(float(np.abs(each.full()[0]) @ scale) for each in slopes[:2])
+            slopes = numbers(condition_slopes(problem, condition), *values)
+            size = sum(float(np.abs(each[0]) @ scale) for each in slopes[:2])
             name, sign = f"target.{condition.name}", 0.0 if condition.equation else 1.0
             met = float(psi(*values)) >= -self.near * (size or 1.0)
             if condition.equation or met or (name, sign) in self.active:
@@ -276,9 +276,7 @@ class Shooting:
     def lifted(self, w: np.ndarray, objective: float) -> Solution:
         """Return the motion of variables w (n,) at the nodes of the solution's meshes."""
         t0, lengths, p, z = self.parts
-        values = [
-            each.full() for each in casadi.Function("parts", [self.w], [t0, lengths, p, *z])(w)
-        ]
+        values = numbers(casadi.Function("parts", [self.w], [t0, lengths, p, *z]), w)
         corners = values[0][0, 0] + np.append(0.0, np.cumsum(values[1]))
         arcs = tuple(
             self._arc(k, (corners[k], corners[k + 1]), values[2][:, 0], values[3 + k])
@@ -296,21 +294,12 @@ class Shooting:
             np.searchsorted(arc.mesh, np.arange(t.size), side="right") - 1, 0, arc.mesh.size - 2
         )
         begin = t[arc.mesh[interval]]
-        given = [
-            casadi.DM(z[:, interval]),
-            casadi.DM(begin).T,
-            casadi.DM(t - begin).T,
-            casadi.DM(p),
-        ]
-        found = mapped(self.flows[k], given)[0].full()
+        found = numbers(self.flows[k], z[:, interval], begin, t - begin, p)[0]
         found[:, arc.mesh] = z
         symbols = [problem.x, phase.carried, time, problem.p]
-        (u,) = mapped(
-            casadi.Function("u", symbols, [phase.control]),
-            [casadi.DM(found[:nx]), casadi.DM(found[nx:]), casadi.DM(t).T, casadi.DM(p)],
-        )
+        (u,) = numbers(casadi.Function("u", symbols, [phase.control]), found[:nx], found[nx:], t, p)
         costate = found[nx:] if phase.carried.numel() else arc.costate
-        return replace(arc, t=t, x=found[:nx], u=u.full(), costate=costate)
+        return replace(arc, t=t, x=found[:nx], u=u, costate=costate)
 
 
 def interval_ends(phased: PhasedProblem, start: Solution, steps: int) -> list[np.ndarray]:
@@ -321,13 +310,9 @@ def interval_ends(phased: PhasedProblem, start: Solution, steps: int) -> list[np
     for phase, arc in zip(phased.phases, start.arcs, strict=True):
         t, count = arc.t[arc.mesh], arc.mesh.size - 1
         y = np.vstack([arc.x, arc.costate[: phase.carried.numel()]])[:, arc.mesh[:-1]]
-        y = casadi.DM(np.vstack([y, np.zeros(count), t[:-1]]))
-        step = motion_of(phased.of, phase).step.map(count)
-        given = (
-            casadi.DM(np.diff(t)[None, :] / steps),
-            casadi.DM(np.repeat(p[:, None], count, axis=1)),
-        )
+        y = np.vstack([y, np.zeros(count), t[:-1]])
+        step = motion_of(phased.of, phase).step
         for _ in range(steps):
-            y = step(y, *given)
-        found.append(y.full()[:-1])
+            (y,) = numbers(step, y, np.diff(t) / steps, p)
+        found.append(y[:-1])
     return found

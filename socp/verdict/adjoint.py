@@ -18,6 +18,7 @@ from socp.model import (
     end_values,
     lagrange,
     mayer_slopes,
+    numbers,
     scales,
 )
 from socp.transcription import lgr
@@ -147,11 +148,12 @@ class Ends:
     def of(problem: Problem, solution: Solution) -> "Ends":
         """Work out the slopes at the ends of a solution."""
         values, scale = end_values(problem, solution), scales(problem, solution)
-        cost = [each.full().ravel() for each in mayer_slopes(problem)(*values)]
+        cost = [each.ravel() for each in numbers(mayer_slopes(problem), *values)]
         found: list[tuple[list[np.ndarray], int, str, float]] = []
         for condition in problem.conditions:
             value = float(condition_function(problem, condition)(*values))
-            slope = [each.full().ravel() for each in condition_slopes(problem, condition)(*values)]
+            slopes = condition_slopes(problem, condition)
+            slope = [each.ravel() for each in numbers(slopes, *values)]
             size = float(np.abs(slope[0]) @ scale + np.abs(slope[1]) @ scale) or 1.0
             if condition.equation or value > -ACTIVE * size:
                 found.append(

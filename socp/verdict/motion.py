@@ -23,6 +23,7 @@ from socp.model import (
     barycentric,
     coincident,
     evaluate,
+    fast,
     lagrange,
     once,
     parameters_of,
@@ -105,29 +106,6 @@ def _polynomial(times: np.ndarray, values: np.ndarray) -> Control:
         return np.asarray(values @ terms / terms.sum())
 
     return control
-
-
-def fast(function: casadi.Function) -> Callable[..., np.ndarray]:
-    """Return a function of numpy arrays for a casadi function of one output column, ten times as
-    quick to call.
-    """
-    inputs = [np.zeros(max(function.numel_in(i), 1)) for i in range(function.n_in())]
-    output = np.zeros(max(function.numel_out(0), 1))
-    buffer, trigger = function.buffer()
-    for i, each in enumerate(inputs):
-        buffer.set_arg(i, each.data)
-    buffer.set_res(0, output.data)
-    given = [each for i, each in enumerate(inputs) if function.numel_in(i)]
-    taken = [i for i in range(function.n_in()) if function.numel_in(i)]
-
-    def call(*arguments: np.ndarray | float) -> np.ndarray:
-        for each, i in zip(given, taken, strict=True):
-            each[:] = arguments[i]
-        trigger()
-        return output.copy()
-
-    call.__dict__["keep"] = (function, buffer)  # the buffer must outlive the call
-    return call
 
 
 @once

@@ -23,6 +23,7 @@ from socp.model import (
     evaluate,
     magnitude,
     mayer_function,
+    numbers,
     once,
     parameters_of,
     running_function,
@@ -50,8 +51,8 @@ def end_miss(
     values = [x, *end_values(problem, solution)[1:]]
     sizes = np.concatenate([scale, scale, np.abs(np.hstack(values[2:]))])
     for condition in problem.conditions:
-        value = float(condition_function(problem, condition)(*values))
-        slope = casadi.horzcat(*condition_slopes(problem, condition)(*values)).full().ravel()
+        value = float(numbers(condition_function(problem, condition), *values)[0][0, 0])
+        slope = np.hstack(numbers(condition_slopes(problem, condition), *values)).ravel()
         violation = abs(value) if condition.equation else max(value, 0.0)
         found[condition.name] = float(violation / (np.abs(slope) @ sizes or 1.0))
     for name, at, (first, last) in (
@@ -116,7 +117,7 @@ def objective_of(
     mayer, cost = mayer_function(problem), running_function(problem)
 
     def last(states: np.ndarray) -> np.ndarray:
-        return np.array(mayer(states, x[:, 0], p, *ends).full().ravel())
+        return numbers(mayer, states, x[:, 0], p, *ends)[0].ravel()
 
     def within(states: np.ndarray) -> np.ndarray:
         return evaluate(cost, states, u, t, p)[0].ravel()

@@ -15,7 +15,7 @@ import casadi
 import numpy as np
 
 from socp.errors import MethodError, SolveError
-from socp.model import Problem, Sensitivities, Sensitivity, Solution
+from socp.model import Problem, Sensitivities, Sensitivity, Solution, numbers
 from socp.process import one_thread
 from socp.transcription import PhasedProblem, Shooting
 from socp.verdict.accuracy import steps_of, word_problem
@@ -242,14 +242,14 @@ def _state(system: _System, moved: np.ndarray, change: _Change, t: float) -> tup
     first = 1 + len(shooting.pairs)
     p = slice(first, first + system.problem.p.numel())
     parts = casadi.Function("z", [shooting.w], [shooting.parts[3][k][:, j]])
-    z, dz = parts(at).full(), parts(moved).full().ravel()
+    (z,), (dz,) = numbers(parts, at), numbers(parts, moved)
     given = [z, begins[j], t - begins[j], at[p]]
     flow = shooting.flows[k]
     Z, T, H, P = flow.mx_in()
     end = flow(Z, T, H, P)[0]
     slopes = casadi.Function("d", [Z, T, H, P], [casadi.jacobian(end, e) for e in (Z, T, H, P)])
-    by_z, by_t, by_h, by_p = (each.full() for each in slopes(*given))
-    found = by_z @ dz + (by_t - by_h)[:, 0] * start + by_p @ moved[p]
+    by_z, by_t, by_h, by_p = numbers(slopes, *given)
+    found = by_z @ dz[:, 0] + (by_t - by_h)[:, 0] * start + by_p @ moved[p]
     for weight, other in change.changed:
-        found = found + weight * other.flows[k](*given)[0].full().ravel()
+        found = found + weight * numbers(other.flows[k], *given)[0].ravel()
     return tuple(found[:nx].tolist())

@@ -16,7 +16,17 @@ from scipy.linalg import qr
 from socp.laws import probes
 from socp.laws.conservation.quantities import conserved
 from socp.laws.drawing import guessed_ends, horizon
-from socp.model import FEASIBLE, Expr, Problem, column, end_symbols, once, shown_sizes, time
+from socp.model import (
+    FEASIBLE,
+    Expr,
+    Problem,
+    column,
+    end_symbols,
+    numbers,
+    once,
+    shown_sizes,
+    time,
+)
 
 _PASSES = 80  # Gauss-Newton steps; at a touching point each halves the distance
 _STRAY = 0.3  # of sizes: how far free ends are moved first, off points that are special
@@ -123,7 +133,7 @@ class _Ends:
     def slopes(self) -> np.ndarray:
         """Return the slopes (k + m, n) of what is kept and held."""
         function = casadi.Function("s", [self.w], [casadi.jacobian(self.all, self.w)])
-        return np.array(function(self.at).full())
+        return numbers(function, self.at)[0]
 
     def dependences(self) -> np.ndarray:
         """Return factors (r, k + m) of the equations with which their slopes cancel, a conserved
@@ -142,7 +152,7 @@ def _fixed(box: np.ndarray) -> list[tuple[int, float]]:
 
 def _measured(equations: Expr, w: Expr, at: np.ndarray) -> Expr:
     """Return equations (m, 1), each over the length of its slope at a point."""
-    slopes = casadi.Function("s", [w], [casadi.jacobian(equations, w)])(at).full()
+    (slopes,) = numbers(casadi.Function("s", [w], [casadi.jacobian(equations, w)]), at)
     length = np.linalg.norm(slopes, axis=1)
     return equations / casadi.DM(np.where((length > 0) & np.isfinite(length), length, 1.0))
 
@@ -158,11 +168,11 @@ def _met(ways: _Ends) -> _Ends | None:
     function = casadi.Function("e", [ways.w], [ways.all, casadi.jacobian(ways.all, ways.w)])
     at = ways.at.copy()
     for _ in range(_PASSES):
-        value, slope = (each.full() for each in function(at))
+        value, slope = numbers(function, at)
         if not (np.isfinite(value).all() and np.isfinite(slope).all()):
             return None
         at = at - np.linalg.pinv(slope, rcond=1e-12) @ value[:, 0]
-    if not np.abs(function(at)[0].full()).max() <= FEASIBLE:
+    if not np.abs(numbers(function, at)[0]).max() <= FEASIBLE:
         return None
     return replace(ways, at=at)
 
@@ -172,8 +182,8 @@ def _curvature(ways: _Ends, factors: np.ndarray) -> tuple[np.ndarray, np.ndarray
     sum_ = casadi.dot(casadi.DM(factors), ways.all)
     hessian, gradient = casadi.hessian(sum_, ways.w)
     function = casadi.Function("h", [ways.w], [gradient, hessian])
-    found = function(ways.at)
-    return found[0].full().ravel(), found[1].full()
+    slope, curvature = numbers(function, ways.at)
+    return slope.ravel(), curvature
 
 
 def _implied(problem: Problem) -> dict[Expr, float]:

@@ -4,7 +4,7 @@ import casadi
 import numpy as np
 
 from socp.laws import probes
-from socp.model import TINY, Expr, Problem, once, time
+from socp.model import TINY, Expr, Problem, numbers, once, time
 
 # Monomials beyond which products of the states are left out: their number grows with the square of
 # the states', the work with its cube
@@ -73,7 +73,7 @@ def _derivatives(problem: Problem, size: np.ndarray, points: np.ndarray) -> np.n
         "fields", [problem.x, time, problem.p], [casadi.densify(casadi.vertcat(moving, clock))]
     )
     count = points.shape[1]
-    values = fields.map(count)(points[: n - 1], points[n - 1 : n], points[n:]).full()
+    (values,) = numbers(fields, points[: n - 1], points[n - 1 : n], points[n:])
     values = values.reshape(n, count, -1) / size[:, None, None]
     y = points[:n] / size[:, None]
     rows: list[np.ndarray] = []

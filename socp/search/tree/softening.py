@@ -16,6 +16,7 @@ from socp.model import (
     column,
     condition_slopes,
     end_values,
+    numbers,
     parameters,
     scales,
 )
@@ -77,7 +78,7 @@ def _conditions(problem: Problem, near: Solution) -> Iterator[tuple[str, str, Ex
             yield name, "below", low[i] - problem.x[i], scale[i]
     values = end_values(problem, near)
     for each in problem.conditions:
-        slope = condition_slopes(problem, each)(*values)[0].full()[0]
+        slope = numbers(condition_slopes(problem, each), *values)[0][0]
         size = float(np.abs(slope) @ scale) or 1.0
         yield each.name, "above", each.expression, size
         if each.equation:

@@ -19,6 +19,7 @@ from socp.model import (
     condition_slopes,
     end_values,
     mayer_slopes,
+    numbers,
     scales,
 )
 from socp.verdict.grading.pieces import NODES, Pieces
@@ -44,7 +45,7 @@ def ties(problem: Problem, values: list[np.ndarray]) -> list[Tie]:
     """Return what a problem asks of the ends, at values of x(tf), x(t0), p, t0 and tf."""
     found = []
     for each in problem.conditions:
-        slopes = [s.full().ravel() for s in condition_slopes(problem, each)(*values)]
+        slopes = [s.ravel() for s in numbers(condition_slopes(problem, each), *values)]
         value = float(condition_function(problem, each)(*values))
         found.append(Tie(value, slopes, not each.equation))
     low, high = problem.end_box
@@ -126,7 +127,7 @@ class Unknowns:
     @cached_property
     def mayer(self) -> list[np.ndarray]:
         """Slopes of the Mayer term in x(tf), x(t0), p, t0, tf."""
-        return [each.full().ravel() for each in mayer_slopes(self.problem)(*self.ends)]
+        return [each.ravel() for each in numbers(mayer_slopes(self.problem), *self.ends)]
 
     @cached_property
     def scale(self) -> np.ndarray:

@@ -16,7 +16,17 @@ import casadi
 import numpy as np
 
 from socp.errors import MethodError
-from socp.model import TINY, Curvature, Mode, Problem, Word, mayer_function, once, parameters_of
+from socp.model import (
+    TINY,
+    Curvature,
+    Mode,
+    Problem,
+    Word,
+    mayer_function,
+    numbers,
+    once,
+    parameters_of,
+)
 from socp.transcription import Phase, Shooting, follow
 from socp.verdict.minimum.induced import WEAK, Induced, Pair
 from socp.verdict.minimum.stages import gauss, stages
@@ -363,8 +373,7 @@ def _at_ends(known: Induced, others: tuple[int, ...]) -> np.ndarray:
     held = np.where(np.isin(places, others), known.held[places], 0.0)
     lagrangian += casadi.dot(casadi.DM(held), rows)
     hessian = casadi.hessian(lagrangian, shooting.w)[0]
-    found: np.ndarray = casadi.Function("ends", [shooting.w], [hessian])(known.at).full()
-    return found
+    return numbers(casadi.Function("ends", [shooting.w], [hessian]), known.at)[0]
 
 
 def _corners(known: Induced, k: int, count: int, pieces: int) -> np.ndarray:

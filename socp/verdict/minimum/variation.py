@@ -22,7 +22,7 @@ from typing import final
 import casadi
 import numpy as np
 
-from socp.model import Expr, Problem, once, parameters_of, time
+from socp.model import Expr, Problem, numbers, once, parameters_of, time
 from socp.transcription import Phase, Shooting
 from socp.verdict.minimum.induced import Induced
 
@@ -54,12 +54,12 @@ def reference(known: Induced, k: int, nodes: np.ndarray) -> Reference:
     steps = int(np.ceil(np.diff([0.0, *nodes, 1.0]).max() * shooting.steps))
     motion, adjoint, control = _functions(known, k, steps, nodes.size)
     held, count = np.repeat(p[:, None], t.size, axis=1), t.shape[1]
-    at = motion.map(count)(z[:, :-1], _in_time(before), _in_time(gaps[:-1]), held)[0].full()
+    at = numbers(motion, z[:, :-1], _in_time(before), _in_time(gaps[:-1]), held)[0]
     back = at.reshape(len(z), count, -1)[:, :, ::-1].reshape(len(z), -1)
     given = [_in_time(t[::-1]), _in_time(gaps[:0:-1]), held]
-    costates = adjoint.map(count)(_multipliers(known, k), back, *given).full()
+    (costates,) = numbers(adjoint, _multipliers(known, k), back, *given)
     costates = costates.reshape(len(z), count, -1)[:, :, ::-1].reshape(len(z), -1)
-    (u,) = _mapped(control, [at[:nx], at[nx:], _in_time(t), p])
+    (u,) = numbers(control, at[:nx], at[nx:], _in_time(t), p)
     return Reference(_in_time(t)[0], at[:nx], u, costates[:nx])
 
 
@@ -102,7 +102,7 @@ def _corners(known: Induced, k: int) -> tuple[np.ndarray, np.ndarray]:
     shares = (arc.t[arc.mesh] - arc.t[0]) / (arc.t[-1] - arc.t[0])
     begin = known.at[0] + lengths[:k].sum()
     parts = casadi.Function("z", [shooting.w], [shooting.parts[3][k]])
-    return begin + lengths[k] * shares, parts(known.at).full()
+    return begin + lengths[k] * shares, numbers(parts, known.at)[0]
 
 
 def _multipliers(known: Induced, k: int) -> np.ndarray:
@@ -115,14 +115,6 @@ def _multipliers(known: Induced, k: int) -> np.ndarray:
             return known.held[row : row + rows * count].reshape(count, rows).T
         row += rows * count + (nx if index else 0) + shooting.held[index].numel()
     raise IndexError(k)
-
-
-def _mapped(function: casadi.Function, given: list[np.ndarray]) -> list[np.ndarray]:
-    """Evaluate a function at n columns; what has one dimension is the same everywhere."""
-    count = given[0].shape[1]
-    columns = [np.repeat(a[:, None], count, axis=1) if a.ndim == 1 else a for a in given]
-    found = function.map(count)(*columns)
-    return [each.full() for each in (found if isinstance(found, tuple) else (found,))]
 
 
 NAMES = ("A", "Q", "B", "B1", "M", "R", "N", "NB")
@@ -142,7 +134,7 @@ class Quadratic:
     def at(self, along: Reference, p: np.ndarray) -> dict[str, np.ndarray]:
         """Return the coefficients by name, each (n, rows, columns)."""
         v, count = along.u[list(self.free)], along.t.size
-        found = _mapped(self._function, [along.x, v, along.costate, along.t[None, :], p])
+        found = numbers(self._function, along.x, v, along.costate, along.t[None, :], p)
         names = NAMES if self.free else NAMES[:2]
         return {
             name: each.reshape(each.shape[0], count, -1).transpose(1, 0, 2)
