@@ -135,18 +135,15 @@ def numbers(function: casadi.Function, *given: np.ndarray | float) -> list[np.nd
         return [np.empty((rows, 0)) for rows, _, _ in told]
     loaned = function.__dict__.pop("loaned", None)  # nobody else works on it meanwhile
     desk = loaned if loaned is not None and loaned.count == count else _Desk(function, count)
-    for (size, entries), values, at in zip(asked, flat, desk.given, strict=True):
+    for (size, entries), values, own in zip(asked, flat, desk.given, strict=True):
         if size:
             columns = values.reshape(-1, size)
-            at[:] = columns if entries is None else columns[:, entries]
+            own[:] = columns if entries is None else columns[:, entries]
     desk.trigger()
     found = []
     for (rows, columns, entries), at in zip(told, desk.found, strict=True):
-        if entries is None:
-            whole = at.copy()
-        else:
-            whole = np.zeros((count, rows * columns))
-            whole[:, entries] = at
+        whole = np.zeros((count, rows * columns))
+        whole[:, slice(None) if entries is None else entries] = at
         found.append(whole.reshape(count * columns, rows).T)
     function.__dict__["loaned"] = desk
     return found
@@ -203,7 +200,7 @@ def fast(function: casadi.Function) -> Callable[..., np.ndarray]:
         for i, place in places:
             place[:] = arguments[i]
         trigger()
-        return found.copy()
+        return np.array(found)
 
     call.__dict__["keep"] = desk  # the buffer must outlive the call
     return call

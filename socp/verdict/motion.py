@@ -5,8 +5,9 @@ feedback.
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain, pairwise
-from typing import final
+from typing import Any, final
 
 import casadi
 import numpy as np
@@ -25,6 +26,7 @@ from socp.model import (
     evaluate,
     fast,
     lagrange,
+    numbers,
     once,
     parameters_of,
     running_function,
@@ -32,6 +34,7 @@ from socp.model import (
     time,
 )
 from socp.transcription import knot_times
+from socp.verdict.simulation.steps import Flow, Plan, Steps
 
 RTOL = 1e-10  # of DOP853; what is compared with it is seldom better than 1e-9
 # Points looked at in every step: a parabola, which takes DOP853 one step, hides 1/400 of its height
@@ -51,15 +54,27 @@ Control = Callable[[float, np.ndarray], np.ndarray]  # (t, x (nx,)) -> u (nu,)
 @final
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A stretch of time on which the control is smooth: a function of time, or of the state along
-    an arc of `modes`; `constant` (nu,) is the control where it does not vary.
+    """A stretch of time on which the control is smooth: a `plan` over times, the law of an arc of
+    `modes`, or any function of time and state; `constant` (nu,) is the control where it does not
+    vary.
     """
 
     start: float
     end: float
-    control: Control
-    constant: np.ndarray | None = None
+    plan: Plan | None = None
     modes: Modes | None = None
+    control: Control | None = None
+    constant: np.ndarray | None = None
+
+    def controls(self, problem: Problem, t: np.ndarray, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Return the controls (nu, k) at times (k,) and states (nx, k) under parameters p (np,)."""
+        if self.plan is not None:
+            return self.plan(t)
+        if self.modes is not None:
+            return numbers(laws.feedback_function(problem, self.modes), x, t, p)[0]
+        assert self.control is not None  # noqa: S101 - one of the three is there
+        u = [self.control(at, here) for at, here in zip(t.tolist(), x.T, strict=True)]
+        return np.array(u).T
 
 
 def pieces_in_time(arc: Arc) -> list[Piece]:
@@ -76,36 +91,38 @@ def pieces_in_time(arc: Arc) -> list[Piece]:
                 start = (
                     found.pop().start
                 )  # one integration over neighbours with one and the same control
-            found.append(Piece(start, end, _hold(constant), constant))
+            found.append(Piece(start, end, _hold(constant), constant=constant))
         else:
             found.append(Piece(start, end, _polynomial(times, values)))
     return found
 
 
-def piece_of_law(problem: Problem, arc: Arc, p: np.ndarray) -> Piece:
+def piece_of_law(problem: Problem, arc: Arc) -> Piece:
     """Return an arc's control as a feedback; raises MethodError where there is none."""
-    law = fast(laws.feedback_function(problem, arc.modes))
-    return Piece(float(arc.t[0]), float(arc.t[-1]), lambda t, x: law(x, t, p), modes=arc.modes)
+    laws.feedback_function(problem, arc.modes)
+    return Piece(float(arc.t[0]), float(arc.t[-1]), modes=arc.modes)
 
 
-def _hold(constant: np.ndarray) -> Control:
-    return lambda _t, _x: constant
+def _hold(constant: np.ndarray) -> Plan:
+    return lambda t: np.repeat(constant[:, None], t.size, axis=1)
 
 
-def _polynomial(times: np.ndarray, values: np.ndarray) -> Control:
+def _polynomial(times: np.ndarray, values: np.ndarray) -> Plan:
     if times.size == 1 or coincident(times):
-        return lambda t, _x: lagrange(times, values, np.array([t]))[:, 0]
+        return partial(lagrange, times, values)
     weights, near = barycentric(times), ROUNDED * np.ptp(times)
 
-    def control(t: float, _x: np.ndarray) -> np.ndarray:
-        distance = t - times
-        k = int(np.abs(distance).argmin())
-        if abs(distance[k]) <= near:
-            return np.asarray(values[:, k])
+    def plan(t: np.ndarray) -> np.ndarray:
+        distance = t[:, None] - times
+        hit = np.abs(distance) <= near
+        distance[hit] = 1.0
         terms = weights / distance
-        return np.asarray(values @ terms / terms.sum())
+        found: np.ndarray = (values @ terms.T) / terms.sum(axis=1)
+        where, node = np.nonzero(hit)
+        found[:, where] = values[:, node]
+        return found
 
-    return control
+    return plan
 
 
 @once
@@ -117,34 +134,26 @@ def _open_flow(problem: Problem) -> casadi.Function:
 
 @once
 def _closed_flow(problem: Problem, modes: Modes) -> casadi.Function:
-    """Return the same under the feedback of an arc as a function of x, t, p."""
-    given = [problem.x, time, problem.p]
+    """Return the same under the feedback of an arc as a function of x, u (0,), t, p."""
+    nothing, given = casadi.SX.sym("u", 0), [problem.x, time, problem.p]
     u = laws.feedback_function(problem, modes)(*given)
-    return casadi.Function("flow", given, [_open_flow(problem)(problem.x, u, time, problem.p)])
+    rates = _open_flow(problem)(problem.x, u, time, problem.p)
+    return casadi.Function("flow", [problem.x, nothing, time, problem.p], [rates])
 
 
 @final
 @dataclass(eq=False)
 class Log:
-    """Points looked at along the way, the states at the returned nodes, how far (nx,) the claimed
-    ones were off at most, and the steps that tell a stiff motion; `begun`: where in the lists the
-    points of every piece begin.
+    """Points looked at along the way, those of a piece each, the states at the returned nodes, how
+    far (nx,) the claimed ones were off at most, and the steps that tell a stiff motion.
     """
 
-    begun: list[int] = field(default_factory=list)
     t: list[np.ndarray] = field(default_factory=list)
     x: list[np.ndarray] = field(default_factory=list)
     u: list[np.ndarray] = field(default_factory=list)
     nodes: list[np.ndarray] = field(default_factory=list)
     steps: int = 0
     off: np.ndarray = field(default_factory=lambda: np.zeros(1))
-
-    def keep(self, t: np.ndarray, x: np.ndarray, piece: Piece) -> None:
-        """Keep states (nx, k) at times (k,), with the controls of a piece there."""
-        self.t.append(t)
-        self.x.append(x)
-        u = [piece.control(at, here) for at, here in zip(t.tolist(), x.T, strict=True)]
-        self.u.append(np.array(u).T)
 
     def compare(self, x: np.ndarray, claimed: np.ndarray) -> None:
         """Compare states (nx, k) with those claimed for the same times, the next nodes."""
@@ -157,6 +166,27 @@ class Log:
         return np.concatenate(self.t), np.hstack(self.x), np.hstack(self.u)
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class _Looks:
+    """Points looked at on one piece of an arc, on their way into a log."""
+
+    log: Log
+    arc: Arc
+    t: list[np.ndarray]
+    x: list[np.ndarray]
+
+    def add(self, solver: Steps | DOP853 | LSODA, count: int) -> None:
+        """Look at so many points of the last step, and compare the nodes within it."""
+        t = np.linspace(solver.t_old, solver.t, count + 1)[1:]
+        nodes = slice(*np.searchsorted(self.arc.t, [solver.t_old, solver.t], side="right"))
+        at = np.append(t, self.arc.t[nodes])
+        x = (solver.between(at) if isinstance(solver, Steps) else solver.dense_output()(at))[:-1]
+        self.t.append(t)
+        self.x.append(x[:, :count])
+        self.log.compare(x[:, count:], self.arc.x[:, nodes])
+
+
 def travel(
     problem: Problem, solution: Solution, pieces: list[list[Piece]], log: Log
 ) -> tuple[np.ndarray, str]:
@@ -166,19 +196,20 @@ def travel(
     p = parameters_of(problem, solution)
     y = np.append(np.clip(solution.arcs[0].x[:, 0], *problem.start_box), 0.0)
     if not all(np.isfinite(values).all() for values in (y, solution.t, solution.rows("u"), p)):
-        log.keep(np.array([solution.initial_time]), y[:-1, None], pieces[0][0])
+        at, x = np.array([solution.initial_time]), y[:-1, None]
+        log.t, log.x, log.u = [at], [x], [pieces[0][0].controls(problem, at, x, p)]
         log.off = np.array([math.inf])
         return y, "the solution itself is not finite"
-    flow = fast(_open_flow(problem))
     horizon = solution.final_time - solution.initial_time
     scale = np.append(scales(problem, solution), running_size(problem, solution))
     for arc, stretches in zip(solution.arcs, pieces, strict=True):
         log.compare(y[:-1, None], arc.x[:, :1])
         for piece in chain.from_iterable(_cut_at_knots(problem, each) for each in stretches):
-            log.begun.append(len(log.t))
-            log.keep(np.array([piece.start]), y[:-1, None], piece)
-            rate = _rate(problem, flow, piece, p)
-            y, error = _integrate(rate, (piece, arc), y, (scale, horizon), log)
+            looks = _Looks(log, arc, [np.array([piece.start])], [y[:-1, None]])
+            y, error = _integrate(piece, _flow(problem, piece, p), y, (scale, horizon), looks)
+            log.t.append(t := np.concatenate(looks.t))
+            log.x.append(x := np.hstack(looks.x))
+            log.u.append(piece.controls(problem, t, x, p))
             if error:
                 return y, error
     return y, ""
@@ -204,16 +235,17 @@ def _cut_at_knots(problem: Problem, piece: Piece) -> Iterator[Piece]:
         yield replace(piece, start=start, end=end)
 
 
-def _rate(
-    problem: Problem, flow: Callable[..., np.ndarray], piece: Piece, p: np.ndarray
-) -> Control:
-    """Return the rates of a motion on a piece; at its end they are those before what jumps
-    there.
+def _flow(problem: Problem, piece: Piece, p: np.ndarray) -> Flow | Control:
+    """Return what moves states and running cost on a piece: a flow with its controls and
+    parameters, or, where casadi does not know the control, rates (n,) at a time and a state.
     """
-    last, control = math.nextafter(piece.end, piece.start), piece.control
-    if piece.modes is not None:  # one call in place of two
-        closed = fast(_closed_flow(problem, piece.modes))
-        return lambda t, y: closed(y[:-1], min(t, last), p)
+    if piece.modes is not None:
+        return _closed_flow(problem, piece.modes), _nothing, p
+    if piece.plan is not None:
+        return _open_flow(problem), piece.plan, p
+    flow, control = fast(_open_flow(problem)), piece.control
+    assert control is not None  # noqa: S101 - one of the three is there
+    last = math.nextafter(piece.end, piece.start)
 
     def rate(t: float, y: np.ndarray) -> np.ndarray:
         t = min(t, last)
@@ -222,31 +254,42 @@ def _rate(
     return rate
 
 
+def _nothing(t: np.ndarray) -> np.ndarray:
+    return np.empty((0, t.size))
+
+
 def _integrate(
-    rate: Control, on: tuple[Piece, Arc], y: np.ndarray, size: tuple[np.ndarray, float], log: Log
+    piece: Piece,
+    flow: Flow | Control,
+    y: np.ndarray,
+    size: tuple[np.ndarray, float],
+    looks: _Looks,
 ) -> tuple[np.ndarray, str]:
     """Integrate over one piece of an arc; returns the end and, where it breaks down, the reason."""
-    (piece, arc), (scale, horizon) = on, size
+    scale, horizon = size
     length = piece.end - piece.start
     if length <= 0:
         return y, ""
-    first, looks = (length, _GLANCES) if length < _SHORT * horizon else (None, _LOOKS)
-    solver = DOP853(rate, piece.start, y, piece.end, rtol=RTOL, atol=RTOL * scale, first_step=first)
+    first, count = (length, _GLANCES) if length < _SHORT * horizon else (None, _LOOKS)
+    # at the end of the piece rates are those before what jumps there
+    span = piece.start, piece.end, math.nextafter(piece.end, piece.start)
+    tolerance: dict[str, Any] = {"rtol": RTOL, "atol": RTOL * scale}
+    if callable(flow):
+        rate = flow
+        solver = DOP853(rate, piece.start, y, piece.end, first_step=first, **tolerance)
+    else:
+        solver = Steps(flow, span, y, first, **tolerance)
+        rate = solver.rate
     taken = 0
     while solver.status == "running":
-        if log.steps > _MANY and isinstance(solver, DOP853):
-            solver = LSODA(rate, solver.t, solver.y, piece.end, rtol=RTOL, atol=RTOL * scale)
+        if looks.log.steps > _MANY and not isinstance(solver, LSODA):
+            solver = LSODA(rate, solver.t, solver.y, piece.end, **tolerance)
         message, taken = solver.step(), taken + 1
-        log.steps += taken > _FEW
+        looks.log.steps += taken > _FEW
         if solver.status == "failed" or not np.all(np.abs(solver.y[:-1]) <= _DIVERGED * scale[:-1]):
             return (
                 solver.y,
                 f"integration broke down at t = {solver.t:.6g}: {message or 'the state diverged'}",
             )
-        dense = solver.dense_output()
-        t = np.linspace(solver.t_old, solver.t, looks + 1)[1:]
-        nodes = slice(*np.searchsorted(arc.t, [solver.t_old, solver.t], side="right"))
-        x = dense(np.append(t, arc.t[nodes]))[:-1]
-        log.keep(t, x[:, :looks], piece)
-        log.compare(x[:, looks:], arc.x[:, nodes])
+        looks.add(solver, count)
     return solver.y, ""

@@ -158,9 +158,8 @@ def _both(solution: Solution, problem: Problem) -> tuple[tuple[Feasibility, ...]
     found = [_verify(problem, solution, as_time, log, feedback=False)]
     states = np.hstack(log.nodes) if log.nodes else np.empty((0, 0))
     if solution.lawful:
-        p = parameters_of(problem, solution)
         try:
-            as_feedback = [[piece_of_law(problem, arc, p)] for arc in solution.arcs]
+            as_feedback = [[piece_of_law(problem, arc)] for arc in solution.arcs]
         except MethodError:
             # the word was read off a solution of a problem without such laws
             return tuple(found), states

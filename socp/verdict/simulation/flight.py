@@ -7,12 +7,12 @@ integrated and measured as the judge does it.
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from socp.errors import MethodError, ProblemError
+from socp.laws import feedback_function
 from socp.model import (
     Arc,
     Judgement,
@@ -21,11 +21,12 @@ from socp.model import (
     Problem,
     Solution,
     Stop,
+    fast,
     known_problem,
     parameters_of,
 )
 from socp.verdict.certify import with_statement
-from socp.verdict.motion import Control, Log, Piece, piece_of_law, pieces_in_time, travel
+from socp.verdict.motion import Control, Log, Piece, pieces_in_time, travel
 from socp.verdict.reintegration import measured
 
 Feedback = Callable[[float, np.ndarray], Any]
@@ -62,11 +63,13 @@ def simulated(
     driven = _changed(plant, disturbance or {}, start or {})
     p, box = parameters_of(plant, solution), plant.box
     if callable(feedback):
-        given = feedback
-        pieces = [[Piece(*_ends(arc), _cut_off(given, box))] for arc in solution.arcs]
+        control = _cut_off(feedback, box)
+        pieces = [[Piece(*_ends(arc), control=control)] for arc in solution.arcs]
     elif feedback:
-        laws = [piece_of_law(own or plant, arc, p) for arc in solution.arcs]
-        pieces = [[Piece(law.start, law.end, _cut_off(law.control, box))] for law in laws]
+        pieces = [
+            [Piece(*_ends(arc), control=_cut_off(_law(own or plant, arc, p), box))]
+            for arc in solution.arcs
+        ]
     else:
         pieces = [pieces_in_time(arc) for arc in solution.arcs]
     log = Log()
@@ -98,6 +101,12 @@ def _origin(solution: Solution, feedback: Feedback | bool) -> Origin:
 
 def _ends(arc: Arc) -> tuple[float, float]:
     return float(arc.t[0]), float(arc.t[-1])
+
+
+def _law(problem: Problem, arc: Arc, p: np.ndarray) -> Feedback:
+    """Return the law of an arc; raises MethodError where there is none."""
+    law = fast(feedback_function(problem, arc.modes))
+    return lambda t, x: law(x, t, p)
 
 
 def _cut_off(control: Feedback, box: np.ndarray) -> Control:
@@ -136,13 +145,10 @@ def _by_name(plant: Problem, given: Mapping[Any, Any]) -> dict[str, Any]:
 def _arcs(solution: Solution, log: Log) -> list[Arc]:
     """Return the points looked at as arcs, one a piece, with what they follow as modes."""
     unknown = (Mode.parse("*"),) * len(solution.control_names)
-    cuts = [*log.begun, len(log.t)]
     found = []
-    for first, last in pairwise(cuts):
-        t = np.concatenate(log.t[first:last])
+    for t, x, u in zip(log.t, log.x, log.u, strict=True):
         if t.size < 2:  # a piece without length
             continue
-        x, u = np.hstack(log.x[first:last]), np.hstack(log.u[first:last])
         found.append(
             Arc(
                 t=t,

@@ -1,0 +1,147 @@
+"""Steps of DOP853 along a flow that casadi knows, each one call of a function that is built once.
+
+Coefficients, error estimate, step sizes and what is in between are those of Hairer, Norsett,
+Wanner, Solving ODEs I, II.4, II.5 and II.10, as scipy's class has them; what Python does in every
+one of its sixteen stages takes ten times as long as a step here.
+"""
+
+import math
+from collections.abc import Callable
+from typing import final
+
+import casadi
+import numpy as np
+from scipy.integrate import DOP853
+
+from socp.model import fast, numbers, once
+
+Plan = Callable[[np.ndarray], np.ndarray]  # times (k,) -> controls (nu, k)
+# rates (x, u, t, p) -> (n,), the last of which no rate depends on, with controls and parameters
+Flow = tuple[casadi.Function, Plan, np.ndarray]
+
+# Of a step: when its stages are, twelve, its end, and three for what is in between
+_TIMES = np.concatenate([DOP853.C, [1.0], DOP853.C_EXTRA])
+_ROWS = [*DOP853.A, DOP853.B, *DOP853.A_EXTRA]
+_END = DOP853.n_stages  # the stage at the end of the step
+_EXPONENT = -1.0 / (DOP853.error_estimator_order + 1)
+_SAFETY, _LEAST, _MOST = 0.9, 0.2, 10.0  # how a step follows from the last one, as factors
+
+
+@once
+def one_step(flow: casadi.Function) -> casadi.Function:
+    """Return a step along rates (x, u, t, p) -> (n,), the last of which no rate depends on: from y
+    (n,), controls (nu, 16) and times (1, 16) of the stages, h and p to y after it, two errors
+    (n, 2), the lower order last, and the coefficients (n, 7) of what is in between.
+    """
+    symbol = casadi.SX.sym
+    y, h, p = symbol("y", flow.size1_out(0)), symbol("h"), symbol("p", flow.size1_in(3))
+    u, t = symbol("u", flow.size1_in(1), _TIMES.size), symbol("t", 1, _TIMES.size)
+    slopes, after = casadi.SX(y.numel(), 0), y
+    for s, row in enumerate(_ROWS):
+        at = y + h * casadi.mtimes(slopes, casadi.DM(row[:s])) if s else y
+        slopes = casadi.horzcat(slopes, flow(at[:-1], u[:, s], t[s], p))
+        after = at if s == _END else after
+    estimates = casadi.DM(np.column_stack([DOP853.E5, DOP853.E3]))
+    errors = h * casadi.mtimes(slopes[:, : _END + 1], estimates)
+    moved, first, last = after - y, h * slopes[:, 0], h * slopes[:, _END]
+    more = h * casadi.mtimes(slopes, casadi.DM(DOP853.D.T))
+    between = casadi.horzcat(moved, first - moved, 2 * moved - last - first, more)
+    found = [casadi.densify(each) for each in (after, errors, between)]
+    return casadi.Function("step", [y, u, t, h, p], found)
+
+
+@final
+class Steps:
+    """A motion of y (n,) along a flow: where it is and has been, and whether it is running,
+    finished or failed.
+
+    `span` is where it begins and ends, and the latest time that functions see, such as that before
+    a jump at the end. `first` is the length of the first step, chosen where it is None.
+    """
+
+    def __init__(
+        self,
+        flow: Flow,
+        span: tuple[float, float, float],
+        y: np.ndarray,
+        first: float | None,
+        *,
+        rtol: float,
+        atol: np.ndarray,
+    ) -> None:
+        (self._flow, self._plan, self._p), (self.t, self._end, self._latest) = flow, span
+        self._one, self._call = one_step(self._flow), fast(self._flow)
+        self._rtol, self._atol = rtol, atol
+        self.y, self.t_old, self.status = y, self.t, "running"
+        self._before, self._between = y, np.zeros((y.size, 7))
+        self._length = self._first() if first is None else first
+
+    def rate(self, t: float, y: np.ndarray) -> np.ndarray:
+        """Return the rates (n,) at a time and a state."""
+        t = min(t, self._latest)
+        return self._call(y[:-1], self._plan(np.array([t]))[:, 0], t, self._p)
+
+    def _first(self) -> float:
+        """Return a length for the first step, from how large rates are and how fast they change."""
+        scale = self._atol + np.abs(self.y) * self._rtol
+        whole, rate = self._end - self.t, self.rate(self.t, self.y)
+        size, speed = _norm(self.y / scale), _norm(rate / scale)
+        small = min(1e-6 if size < 1e-5 or speed < 1e-5 else 0.01 * size / speed, whole)
+        turned = self.rate(self.t + small, self.y + small * rate)
+        bent = _norm((turned - rate) / scale / small)
+        if speed <= 1e-15 and bent <= 1e-15:
+            other = max(1e-6, small * 1e-3)
+        else:
+            other = (0.01 / max(speed, bent)) ** -_EXPONENT
+        return min(100 * small, other, whole)
+
+    def step(self) -> str:
+        """Take one step; returns why there is none."""
+        least = 10.0 * (math.nextafter(self.t, math.inf) - self.t)
+        length, rejected = max(self._length, least), False
+        while True:
+            if not length >= least:  # nor what is no number
+                self.status = "failed"
+                return "the step is shorter than times can tell"
+            t = min(self.t + length, self._end)
+            length = t - self.t
+            at = np.minimum(self.t + _TIMES * length, self._latest)
+            given = self.y, self._plan(at), at, length, self._p
+            after, errors, between = numbers(self._one, *given)
+            scale = self._atol + np.maximum(np.abs(self.y), np.abs(after[:, 0])) * self._rtol
+            error = _error(errors / scale[:, None])
+            if error < 1:
+                most = 1.0 if rejected else _MOST
+                factor = min(most, _SAFETY * error**_EXPONENT) if error else most
+                break
+            length *= max(_LEAST, _SAFETY * error**_EXPONENT)
+            rejected = True
+        self.t_old, self.t, self._length = self.t, t, length * factor
+        self._before, self.y, self._between = self.y, after[:, 0], between
+        if t == self._end:
+            self.status = "finished"
+        return ""
+
+    def between(self, t: np.ndarray) -> np.ndarray:
+        """Return y (n, k) at times (k,) of the last step."""
+        x = (t - self.t_old) / (self.t - self.t_old)
+        found: np.ndarray = self._before[:, None] + self._between @ _basis(x)
+        return found
+
+
+def _basis(x: np.ndarray) -> np.ndarray:
+    """Return x, x (1 - x), x^2 (1 - x), ... (7, k) at shares (k,) of a step."""
+    factors = np.empty((7, x.size))
+    factors[::2], factors[1::2] = x, 1.0 - x
+    return np.cumprod(factors, axis=0)
+
+
+def _norm(values: np.ndarray) -> float:
+    return float(np.sqrt(values @ values / values.size))
+
+
+def _error(errors: np.ndarray) -> float:
+    """Return the error of a step from its two estimates (n, 2) over what is allowed."""
+    fifth, third = np.einsum("ni,ni->i", errors, errors).tolist()
+    both = (fifth + 0.01 * third) * len(errors)
+    return fifth / math.sqrt(both) if both else 0.0
