@@ -8,7 +8,7 @@ import numpy as np
 
 from socp.model import TINY, Agreement, Problem, Solution
 from socp.transcription import Shooting, follow, rejoin
-from socp.verdict import Conditions, settled, steps_of, word_problem
+from socp.verdict import settled, word_problem
 
 
 def polished(
@@ -32,27 +32,25 @@ def polished(
     the same meshes, with which Newton begins.
     """
     known = word_problem(problem, solution, points)
-    steps = None if known is None else steps_of(known[0], known[1])
-    if known is None or steps is None:
+    if known is None or known.steps is None:
         return None
-    phased, start, pieces = known
-    met = active or frozenset()
-    finer = Shooting(phased, start, 2 * steps, active=met)
-    coarse = Conditions(Shooting(phased, start, steps, active=met))
+    steps, met = known.steps, active or frozenset()
+    coarse, finer = (known.conditions(count, active=met) for count in (steps, 2 * steps))
+    arcs = known.solution.arcs
     first = None
-    if ahead is not None and [len(a.t) for a in start.arcs] == [len(a.t) for a in ahead.arcs]:
-        first = Shooting(phased, ahead, steps).start
+    if ahead is not None and [len(a.t) for a in arcs] == [len(a.t) for a in ahead.arcs]:
+        first = Shooting(known.phased, ahead, steps).start
     there = settled(coarse, far=active is not None, start=first)
     if there is None or there.system.open(np.eye(there.at.size)).any():
         return None
-    conditions = Conditions(finer)
-    moved, _ = there.system.step(*conditions.values(there.at, there.held)[:2])
-    cost = conditions.values(there.at + moved, there.held)[2]
+    moved, _ = there.system.step(*finer.values(there.at, there.held)[:2])
+    cost = finer.values(there.at + moved, there.held)[2]
     agreement = Agreement(
         objective=abs(cost - there.cost) / max(abs(cost), TINY),
-        switches=float(np.abs(np.cumsum(moved[: 1 + len(phased.phases)])).max()),
+        switches=float(np.abs(np.cumsum(moved[: 1 + len(arcs)])).max()),
     )
-    return rejoin(finer.lifted(there.at + moved, cost), pieces).with_judgement(agreement=agreement)
+    lifted = finer.shooting.lifted(there.at + moved, cost)
+    return rejoin(lifted, known.pieces).with_judgement(agreement=agreement)
 
 
 def limits_met(

@@ -141,10 +141,10 @@ def numbers(function: casadi.Function, *given: np.ndarray | float) -> list[np.nd
             own[:] = columns if entries is None else columns[:, entries]
     desk.trigger()
     found = []
-    for (rows, columns, entries), at in zip(told, desk.found, strict=True):
-        whole = np.zeros((count, rows * columns))
+    for (rows, width, entries), at in zip(told, desk.found, strict=True):
+        whole = np.zeros((count, rows * width))
         whole[:, slice(None) if entries is None else entries] = at
-        found.append(whole.reshape(count * columns, rows).T)
+        found.append(whole.reshape(count * width, rows).T)
     function.__dict__["loaned"] = desk
     return found
 

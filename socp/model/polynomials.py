@@ -14,7 +14,8 @@ def coincident(nodes: np.ndarray) -> bool:
     """Tell whether nodes (p,) stand so close that rounding merges two of them, or turns their
     order.
     """
-    return bool(np.diff(nodes).min(initial=np.inf) <= ROUNDED * np.abs(nodes).max())
+    least = (nodes[1:] - nodes[:-1]).min(initial=np.inf)
+    return bool(least <= ROUNDED * max(abs(nodes[0]), abs(nodes[-1])))
 
 
 def barycentric(nodes: np.ndarray) -> np.ndarray:
@@ -22,8 +23,8 @@ def barycentric(nodes: np.ndarray) -> np.ndarray:
     all.
     """
     # an interval of length 4 has capacity 1: products of 60 gaps neither over- nor underflow
-    gaps = 4.0 * (nodes[:, None] - nodes[None, :]) / np.ptp(nodes)
-    np.fill_diagonal(gaps, 1.0)
+    gaps = (4.0 / (nodes[-1] - nodes[0])) * (nodes[:, None] - nodes)
+    gaps.ravel()[:: nodes.size + 1] = 1.0
     weights: np.ndarray = 1.0 / gaps.prod(axis=1)
     return weights
 
@@ -33,23 +34,21 @@ def lagrange(nodes: np.ndarray, values: np.ndarray, t: np.ndarray) -> np.ndarray
 
     Where rounding merges nodes it is straight lines from one to the next.
     """
-    span = float(np.ptp(nodes))
+    span = float(nodes[-1] - nodes[0])
     if nodes.size == 1 or span == 0.0:
         return np.repeat(values[:, :1], t.size, axis=1)
     if coincident(nodes):
         return np.array([np.interp(t, nodes, row) for row in values])
     weights = barycentric(nodes)
-    distance = t[:, None] - nodes[None, :]
-    hit = (
-        np.abs(distance) <= ROUNDED * span
-    )  # as near as this the quotient overflows, and the value is the node's
-    distance[hit] = 1.0
+    distance = t[:, None] - nodes
+    # as near as this the quotient overflows, and the value is the node's
+    where, node = np.nonzero(np.abs(distance) <= ROUNDED * span)
+    distance[where, node] = 1.0
     terms = weights / distance
-    total = terms.sum(axis=1, keepdims=True)
-    total[hit.any(axis=1)] = 1.0  # at a node the sum means nothing, and may be zero
+    total = terms.sum(axis=1)
+    total[where] = 1.0  # at a node the sum means nothing, and may be zero
     with np.errstate(invalid="ignore"):  # an infinite value is nan but at its own node
-        result: np.ndarray = ((terms @ values.T) / total).T
-    where, node = np.nonzero(hit)
+        result: np.ndarray = (values @ terms.T) / total
     result[:, where] = values[:, node]
     return result
 

@@ -1,4 +1,3 @@
-from .accuracy import steps_of as steps_of
 from .accuracy import word_problem as word_problem
 from .certify import certified as certified
 from .certify import graded as graded

@@ -3,13 +3,14 @@ conditions.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import accumulate, pairwise
 from typing import final
 
 import numpy as np
 
 from socp.errors import MethodError
-from socp.model import ACTIVE, Problem, Solution, Verdict, digits_of
+from socp.model import ACTIVE, Arc, Problem, Solution, Verdict, cached, digits_of, once
 from socp.transcription import (
     PhasedProblem,
     Shooting,
@@ -38,6 +39,9 @@ _THRICE = 3.0
 _SIGN = 1e-9
 
 
+_KEPT = 2  # solutions of a problem of which is known what they are along their words
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class Accuracy:
@@ -53,6 +57,53 @@ class Accuracy:
     objective: float
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class WordProblem:
+    """The phased problem of a solution's word, its arcs cut where they have to be, with its
+    solution and the number of pieces an arc.
+    """
+
+    phased: PhasedProblem
+    solution: Solution
+    pieces: list[int]
+
+    @cached_property
+    def steps(self) -> int | None:
+        """Steps that an interval takes, None where the motion is stiff."""
+        return _steps_of(self.phased, self.solution)
+
+    def conditions(
+        self,
+        steps: int,
+        near: float = Shooting.near,
+        active: frozenset[tuple[str, float]] = Shooting.active,
+    ) -> Conditions:
+        """Return the first-order conditions with so many steps an interval, and as equations the
+        limits at the ends that are so `near` or `active`.
+        """
+        return self._conditions(steps, near, active)
+
+    @once
+    def _conditions(
+        self, steps: int, near: float, active: frozenset[tuple[str, float]]
+    ) -> Conditions:
+        return Conditions(Shooting(self.phased, self.solution, steps, near, active))
+
+    @cached_property
+    def accuracy(self) -> Accuracy | None:
+        """How far the solution is from where the conditions hold, None where no step tells."""
+        if self.steps is None:
+            return None
+        for near in (ACTIVE, Shooting.near):
+            conditions = self.conditions(self.steps, near)
+            shooting = conditions.shooting
+            held, signs = conditions.multipliers(shooting.start), shooting.signs
+            if (signs * held >= -_SIGN * np.abs(held).max(initial=0.0)).all():
+                return _measured(conditions, held, self.pieces)
+        return None  # a limit would rather be left: the word's conditions are others
+
+
 def accuracy(problem: Problem, solution: Solution, points: int = 10) -> Accuracy | None:
     """Return how far a solution along a word is from where its conditions hold, or None where no
     step tells.
@@ -61,16 +112,7 @@ def accuracy(problem: Problem, solution: Solution, points: int = 10) -> Accuracy
     as that takes it.
     """
     known = word_problem(problem, solution, points)
-    steps = None if known is None else steps_of(known[0], known[1])
-    if known is None or steps is None:
-        return None
-    whole = Shooting(known[0], known[1], steps)
-    for shooting in (replace(whole, near=ACTIVE), whole):
-        conditions = Conditions(shooting)
-        held, signs = conditions.multipliers(shooting.start), shooting.signs
-        if (signs * held >= -_SIGN * np.abs(held).max(initial=0.0)).all():
-            return _measured(conditions, held, known[2])
-    return None  # a limit would rather be left: the word's conditions are others
+    return None if known is None else known.accuracy
 
 
 def sharpened(problem: Problem, solution: Solution) -> Verdict | None:
@@ -123,14 +165,27 @@ def _measured(conditions: Conditions, held: np.ndarray, pieces: list[int]) -> Ac
     return Accuracy(np.where(system.open(rows), np.inf, times), float(apart))
 
 
-def word_problem(
-    problem: Problem, solution: Solution, points: int
-) -> tuple[PhasedProblem, Solution, list[int]] | None:
-    """Return the phased problem of a solution's word, its arcs cut where they have to be, with its
-    solution and the number of pieces an arc.
-
-    None where there is no word, or an arc has no length.
+def word_problem(problem: Problem, solution: Solution, points: int) -> WordProblem | None:
+    """Return the problem of a solution's word, laid out once for the same values; None where there
+    is no word, or an arc has no length.
     """
+    known = cached(problem, word_problem)  # the judge, polish and the second order ask in turns
+    values = [
+        (arc.modes, arc.side, *(each.tobytes() for each in _arrays(arc))) for arc in solution.arcs
+    ]
+    key = (points, solution.objective, *solution.parameters.items(), *values)
+    if key not in known:
+        for old in list(known)[: 1 - _KEPT]:
+            del known[old]
+        known[key] = _laid(problem, solution, points)
+    return known[key]
+
+
+def _arrays(arc: Arc) -> list[np.ndarray]:
+    return [arc.t, arc.x, arc.u, arc.costate, arc.mesh]
+
+
+def _laid(problem: Problem, solution: Solution, points: int) -> WordProblem | None:
     try:
         phased = follow(problem, solution.followed)
     except MethodError:
@@ -145,10 +200,11 @@ def word_problem(
     )
     cut = cut_arcs(phased, solution, points)
     ends = list(accumulate(parts, initial=0))
-    return cut.phased, cut.solution, [sum(cut.pieces[a:b]) for a, b in pairwise(ends)]
+    pieces = [sum(cut.pieces[a:b]) for a, b in pairwise(ends)]
+    return WordProblem(cut.phased, cut.solution, pieces)
 
 
-def steps_of(phased: PhasedProblem, start: Solution) -> int | None:
+def _steps_of(phased: PhasedProblem, start: Solution) -> int | None:
     """Return how many steps an interval takes: as many as leave the ends of all intervals alone
     when doubled.
     """

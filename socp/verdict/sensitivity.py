@@ -18,7 +18,7 @@ from socp.errors import MethodError, SolveError
 from socp.model import Problem, Sensitivities, Sensitivity, Solution, numbers
 from socp.process import one_thread
 from socp.transcription import PhasedProblem, Shooting
-from socp.verdict.accuracy import steps_of, word_problem
+from socp.verdict.accuracy import word_problem
 from socp.verdict.newton import Conditions, Settled, settled
 
 _POINTS = 10  # collocation points of pieces that are cut at kinks, as those of `polish`
@@ -116,14 +116,13 @@ def _system(problem: Problem, solution: Solution) -> _System:
     if not solution.extremal:
         raise SolveError("no derivatives: the solution is not certified as an extremal")
     known = word_problem(problem, solution, _POINTS)
-    steps = None if known is None else steps_of(known[0], known[1])
-    if known is None or steps is None:
+    if known is None or known.steps is None:
         raise SolveError("no derivatives: controls without laws, or a stiff motion")
-    conditions = Conditions(Shooting(known[0], known[1], steps))
+    conditions = known.conditions(known.steps)
     there = settled(conditions)
     if there is None:
         raise SolveError("no derivatives: Newton does not settle on the conditions of the word")
-    system = _System(conditions, there, known[0], known[2], solution)
+    system = _System(conditions, there, known.phased, known.pieces, solution)
     if there.system.open(np.eye(there.at.size)).any():
         raise SolveError("no derivatives: the conditions of the word leave a direction open")
     if there.system.deficient:
@@ -214,9 +213,9 @@ def _varied(
     active = frozenset((row.name, row.sign) for row in shooting.ends if row.sign)
     for side, weight in _WEIGHTS.items():
         known = word_problem(changed(value + side * step), system.solution, _POINTS)
-        if known is None or known[2] != system.pieces:
+        if known is None or known.pieces != system.pieces:
             raise SolveError(f"no derivative by {name}: kinks move with it")
-        there = Shooting(known[0], shooting.solution, shooting.steps, active=active)
+        there = Shooting(known.phased, shooting.solution, shooting.steps, active=active)
         if there.signs.size != held.size:
             raise SolveError(f"no derivative by {name}: it is met at an end of the horizon")
         values = Conditions(there).values(at, held)

@@ -12,8 +12,8 @@ from typing import final
 import numpy as np
 
 from socp.model import EXTREMAL, TINY, Curvature, Minimum, Problem, SecondOrder, Solution
-from socp.transcription import PhasedProblem, Shooting
-from socp.verdict.accuracy import steps_of, word_problem
+from socp.transcription import PhasedProblem
+from socp.verdict.accuracy import word_problem
 from socp.verdict.newton import Conditions, settled
 
 # Of the largest multiplier: that of an inequality which is less may be zero, and its limit no more
@@ -139,16 +139,15 @@ def induced(problem: Problem, solution: Solution, points: int = 10) -> Pair | Se
     known = word_problem(problem, solution, points)
     if known is None:
         return _untested("controls without laws, or an arc without length: no word to vary")
-    steps = steps_of(known[0], known[1])
-    if steps is None:
+    if known.steps is None:
         return _untested("the motion is too stiff for explicit steps")
-    coarse, fine = (Conditions(Shooting(known[0], known[1], count)) for count in (steps, 2 * steps))
+    coarse, fine = (known.conditions(count) for count in (known.steps, 2 * known.steps))
     there = settled(coarse)
     if there is None:
         return _unsettled(coarse)
     moved, change = there.system.step(*fine.values(there.at, there.held)[:2])
     finer = Induced.of(fine, there.at + moved, there.held + change)
-    return Pair(Induced.of(coarse, there.at, there.held), finer, known[0], known[2])
+    return Pair(Induced.of(coarse, there.at, there.held), finer, known.phased, known.pieces)
 
 
 def _untested(why: str) -> SecondOrder:
