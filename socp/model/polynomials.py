@@ -53,6 +53,33 @@ def lagrange(nodes: np.ndarray, values: np.ndarray, t: np.ndarray) -> np.ndarray
     return result
 
 
+def piecewise(nodes: np.ndarray, values: np.ndarray, t: np.ndarray, on: np.ndarray) -> np.ndarray:
+    """Evaluate, at every time of t (k,), that of m polynomials through (nodes (m, p), values
+    (r, m, p)) whose number stands in `on` (k,); returns (r, k). Each is as `lagrange` has it.
+    """
+    size, span = nodes.shape[1], nodes[:, -1] - nodes[:, 0]
+    merged = (np.diff(nodes, axis=1) <= ROUNDED * np.abs(nodes).max(axis=1)[:, None]).any(axis=1)
+    merged |= size == 1
+    out = np.empty((values.shape[0], t.size))
+    for j in np.unique(on[merged[on]]):
+        out[:, on == j] = lagrange(nodes[j], values[:, j], t[on == j])
+    rest = np.flatnonzero(~merged[on])
+    on, t = on[rest], t[rest]
+    gaps = nodes[:, :, None] - nodes[:, None, :]
+    gaps[:, np.arange(size), np.arange(size)] = 1.0
+    with np.errstate(divide="ignore", invalid="ignore"):  # merged nodes, and infinite values
+        weights = 1.0 / (gaps * (4.0 / span[:, None, None])).prod(axis=2)
+        distance = t[:, None] - nodes[on]
+        where, node = np.nonzero(np.abs(distance) <= ROUNDED * span[on, None])
+        distance[where, node] = 1.0
+        terms = weights[on] / distance
+        total = terms.sum(axis=1)
+        total[where] = 1.0
+        out[:, rest] = np.einsum("kp,rkp->rk", terms, values[:, on]) / total
+    out[:, rest[where]] = values[:, on[where], node]
+    return out
+
+
 def differentiation(nodes: np.ndarray) -> np.ndarray:
     """Return D (p, p), D_ij = l_j'(nodes_i), of the Lagrange polynomials l_j (Berrut, Trefethen,
     9.3).

@@ -1,11 +1,14 @@
 """Polynomials through nodes, against 40-digit arithmetic and against closed forms."""
 
+from typing import Literal
+
 import mpmath
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from socp.model.arc import Arc
 from socp.model.polynomials import (
     barycentric,
     coincident,
@@ -92,3 +95,24 @@ def test_nodes_merge_where_rounding_is_all_that_parts_them() -> None:
     # straight lines where they do
     t = np.array([1.0, 1.0 + 2e-16, 1.0 + 4e-16])
     np.testing.assert_array_equal(lagrange(t, np.array([[0.0, 1.0, 2.0]]), t[:1]), [[0.0]])
+
+
+@pytest.mark.parametrize("side", ["left", "right", "both"])
+@pytest.mark.parametrize("which", ["x", "u"])
+def test_many_intervals_at_once_are_what_each_is(
+    side: Literal["left", "right", "both"], which: Literal["x", "u"]
+) -> None:
+    random = np.random.default_rng(3)
+    mesh = np.cumsum([0, 4, 2, 5, 4, 4, 2, 5, 2, 4])  # of several counts of nodes
+    t = np.arange(mesh[-1] + 1.0) + 0.2 * random.random(mesh[-1] + 1)
+    t[3:5] = t[3]  # two nodes in one
+    values = random.standard_normal((3, t.size))
+    values[0, 7] = np.inf
+    arc = Arc(t=t, x=values, u=values, costate=values, mesh=mesh, side=side, modes=())
+    at = np.concatenate([np.linspace(t[0], t[-1], 200), t])
+    interval = np.clip(np.searchsorted(t[mesh], at, side="right") - 1, 0, mesh.size - 2)
+    wanted = np.empty((3, at.size))
+    for k in range(mesh.size - 1):
+        nodes = arc.nodes(k, which)
+        wanted[:, interval == k] = lagrange(t[nodes], values[:, nodes], at[interval == k])
+    assert arc.at(at, which) == pytest.approx(wanted, rel=1e-13, abs=1e-13, nan_ok=True)

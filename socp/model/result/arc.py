@@ -6,8 +6,11 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from socp.model.polynomials import lagrange
+from socp.model.polynomials import lagrange, piecewise
 from socp.model.word import Mode, Modes
+
+# Intervals that are evaluated one after the other: all at once takes as long as some of these
+_ONE_BY_ONE = 4
 
 Which = Literal["x", "u", "costate"]
 
@@ -64,9 +67,20 @@ class Arc:
             np.searchsorted(self.t[self.mesh], place, side="right") - 1, 0, len(self.mesh) - 2
         )
         out = np.empty((values.shape[0], t.size))
-        for k in np.unique(interval):
-            here, nodes = interval == k, self.nodes(int(k), which)
-            out[:, here] = lagrange(self.t[nodes], values[:, nodes], t[here])
+        used = np.unique(interval)
+        if used.size <= _ONE_BY_ONE:
+            for k in used:
+                here, nodes = interval == k, self.nodes(int(k), which)
+                out[:, here] = lagrange(self.t[nodes], values[:, nodes], t[here])
+            return out
+        first = self.mesh[used] + (which == "u" and self.side == "right")
+        last = self.mesh[used + 1] + (which != "u" or self.side != "left")
+        place = np.searchsorted(used, interval)
+        for count in np.unique(last - first):
+            alike = last - first == count
+            nodes, here = first[alike, None] + np.arange(count), alike[place]
+            on = np.cumsum(alike)[place[here]] - 1
+            out[:, here] = piecewise(self.t[nodes], values[:, nodes], t[here], on)
         return out
 
 

@@ -7,6 +7,7 @@ one of its sixteen stages takes ten times as long as a step here.
 
 import math
 from collections.abc import Callable
+from functools import cached_property
 from typing import final
 
 import casadi
@@ -70,11 +71,15 @@ class Steps:
         atol: np.ndarray,
     ) -> None:
         (self._flow, self._plan, self._p), (self.t, self._end, self._latest) = flow, span
-        self._one, self._call = one_step(self._flow), fast(self._flow)
+        self._one = one_step(self._flow)
         self._rtol, self._atol = rtol, atol
         self.y, self.t_old, self.status = y, self.t, "running"
         self._before, self._between = y, np.zeros((y.size, 7))
         self._length = self._first() if first is None else first
+
+    @cached_property
+    def _call(self) -> Callable[..., np.ndarray]:
+        return fast(self._flow)
 
     def rate(self, t: float, y: np.ndarray) -> np.ndarray:
         """Return the rates (n,) at a time and a state."""
