@@ -8,17 +8,18 @@ from typing import final
 import numpy as np
 
 from socp.model import numbers
+from socp.transcription.motion import Sweep
 from socp.transcription.shooting import Shooting
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Span:
-    """The n intervals of a phase: what is `given` where they begin, z (nz, n), t (1, n), h (1, n)
-    and p (np, 1), the variables (n, v) that it depends on, and how, `change` (n, nz + 2 + np, v).
+    """The motion over the n intervals of a phase, the variables (n, v) that z, t, h and p depend on
+    where these begin, and how, `change` (n, nz + 2 + np, v).
     """
 
-    given: list[np.ndarray]
+    sweep: Sweep
     columns: np.ndarray
     change: np.ndarray
 
@@ -37,7 +38,8 @@ class Span:
         change[:, nz + 2 :, nz + 2 + k :] = np.eye(count)
         t, h = w[: 1 + k].sum() + w[1 + k] * shares[:-1], w[1 + k] * np.diff(shares)
         p = w[1 + len(shooting.pairs) :][:count, None]
-        return cls([w[block.variables[:-1]].T, t[None, :], h[None, :], p], columns, change)
+        given = [w[block.variables[:-1]].T, t[None, :], h[None, :], p]
+        return cls(shooting.motions[k].sweep(given, shooting.steps), columns, change)
 
 
 @final
@@ -62,9 +64,9 @@ class Linearised:
         equations, slopes = np.zeros(shooting.signs.size), np.zeros((shooting.signs.size, w.size))
         equations[shooting.others], slopes[shooting.others] = given[:, 0], joined
         objective, gradient, spans = float(cost[0, 0]), at_ends[:, 0], []
-        for k, (block, motion) in enumerate(zip(shooting.blocks, shooting.motions, strict=True)):
+        for k, block in enumerate(shooting.blocks):
             spans.append(span := Span.of(shooting, k, w))
-            ends, by = motion.slopes(span.given, shooting.steps)
+            ends, by = span.sweep.ends, span.sweep.slopes
             equations[block.equations] = ends[:, :-1] - w[block.variables[1:]]
             objective += float(ends[:, -1].sum())
             for j, each in enumerate(by @ span.change):
@@ -79,9 +81,8 @@ class Linearised:
         shooting = self.shooting
         found: np.ndarray
         (found,) = numbers(shooting.joined[1], self.at, held[shooting.others])
-        for k, (block, span) in enumerate(zip(shooting.blocks, self.spans, strict=True)):
-            multipliers, motion = held[block.equations].T, shooting.motions[k]
-            bent = motion.bent(span.given, multipliers, shooting.steps)
+        for block, span in zip(shooting.blocks, self.spans, strict=True):
+            bent = span.sweep.bent(held[block.equations].T)
             each = span.change.transpose(0, 2, 1) @ bent @ span.change
             for columns, part in zip(span.columns, each, strict=True):
                 found[np.ix_(columns, columns)] += part

@@ -48,36 +48,92 @@ class Motion:
         )
         return casadi.Function("flow", [Z, T, H, P], [last[:-2, -1], last[-2, -1]])
 
-    @once
-    def _slopes(self, steps: int) -> casadi.Function:
-        """(z, t, h, p) -> z and the running cost, with their slopes by all of these."""
-        given = self.flow(steps).mx_in()
-        found = casadi.vertcat(*self.flow(steps)(*given))
-        slopes = casadi.densify(casadi.jacobian(found, casadi.vertcat(*given)))
-        return casadi.Function("slopes", given, [found, slopes])
-
-    @once
-    def _bent(self, steps: int) -> casadi.Function:
-        """(z, t, h, p, multipliers) -> Hessian of the running cost and z times multipliers."""
-        given = self.flow(steps).mx_in()
-        end, running = self.flow(steps)(*given)
-        held = casadi.MX.sym("l", end.numel())
-        total = running + casadi.dot(held, end)
-        hessian = casadi.densify(casadi.hessian(total, casadi.vertcat(*given))[0])
-        return casadi.Function("bent", [*given, held], [hessian])
-
-    def slopes(self, given: list[np.ndarray], steps: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return z with the running cost (n, nz + 1) after n intervals, and their slopes (n, nz +
-        1, nz + 2 + np) by what is given: z (nz, n), t (1, n), h (1, n), p (np, 1).
+    @cached_property
+    def _varied(self) -> casadi.Function:
+        """One step of y (ny,) and its slopes (ny, nz + 2 + np) by z, t, the length of all steps
+        and p: (y, slopes, h, p) -> both after it, and the slopes (ny, ny) of y by y before.
         """
-        found, slopes = _evaluated(self._slopes(steps), given)
-        return found[:, :, 0], slopes
+        y, h, p = self.step.sx_in()
+        end = self.step(y, h, p)
+        across, others = casadi.jacobian(end, y), casadi.jacobian(end, casadi.vertcat(h, p))
+        slopes = casadi.SX.sym("slopes", y.numel(), y.numel() + p.numel())
+        direct = casadi.horzcat(casadi.SX(y.numel(), y.numel() - 1), others)
+        after = casadi.mtimes(across, slopes) + direct
+        found = [end, casadi.densify(after), casadi.densify(across)]
+        return casadi.Function("varied", [y, slopes, h, p], found)
 
-    def bent(self, given: list[np.ndarray], held: np.ndarray, steps: int) -> np.ndarray:
+    @cached_property
+    def curved(self) -> casadi.Function:
+        """(y, h, p, multipliers (ny,)) -> Hessian by y, h, p of y after a step times these."""
+        y, h, p = self.step.sx_in()
+        held = casadi.SX.sym("l", y.numel())
+        total = casadi.dot(held, self.step(y, h, p))
+        hessian = casadi.densify(casadi.hessian(total, casadi.vertcat(y, h, p))[0])
+        return casadi.Function("curved", [y, h, p, held], [hessian])
+
+    @once
+    def _swept(self, steps: int) -> casadi.Function:
+        """Return so many varied steps in a row."""
+        return self._varied.mapaccum("sweep", steps, 2)
+
+    def sweep(self, given: list[np.ndarray], steps: int) -> "Sweep":
+        """Integrate over n intervals from what is given: z (nz, n), t (1, n), h (1, n), p (np, 1),
+        in so many steps each.
+        """
+        z, t, h, p = given
+        n, ny = t.size, len(z) + 2
+        first = np.vstack([z, np.zeros((1, n)), t])
+        by = np.zeros((ny, ny + len(p)))
+        by[: len(z), : len(z)], by[-1, len(z)] = np.eye(len(z)), 1.0
+        each = np.repeat(h / steps, steps)[None, :]
+        found = numbers(self._swept(steps), first, by, each, np.tile(p, steps))
+        y, slopes, across = (m.T.reshape(n, steps, -1, ny).swapaxes(2, 3) for m in found)
+        before = np.concatenate([first.T[:, None], y[:, :-1, :, 0]], axis=1)
+        begun = np.concatenate([np.broadcast_to(by, (n, 1, *by.shape)), slopes[:, :-1]], axis=1)
+        last = slopes[:, -1, :-1].copy()
+        last[:, :, len(z) + 1] /= steps
+        return Sweep(self, y[:, -1, :-1, 0], last, before, begun, across, each, p)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Steps over n intervals: z with the running cost in which they end, `ends` (n, nz + 1), and
+    its slopes (n, nz + 1, nz + 2 + np) by z, t, h and p.
+
+    Of every step: y `before` (n, steps, ny), the slopes `begun` (n, steps, ny, nz + 2 + np) of
+    that, those `across` (n, steps, ny, ny) the step, and its length (1, n steps).
+    """
+
+    motion: Motion
+    ends: np.ndarray
+    slopes: np.ndarray
+    before: np.ndarray
+    begun: np.ndarray
+    across: np.ndarray
+    each: np.ndarray
+    p: np.ndarray
+
+    def bent(self, held: np.ndarray) -> np.ndarray:
         """Return the Hessians (n, nz + 2 + np,) twice, by the same, of the running cost and z times
         multipliers held (nz, n).
         """
-        return _evaluated(self._bent(steps), [*given, held])[0]
+        n, steps, ny, count = self.begun.shape
+        later = np.empty((n, steps, ny))
+        now = np.vstack([held, np.ones((1, n)), np.zeros((1, n))]).T
+        for k in reversed(range(steps)):
+            later[:, k] = now
+            now = (now[:, None] @ self.across[:, k])[:, 0]
+        y, multipliers = (each.reshape(-1, ny).T for each in (self.before, later))
+        (found,) = numbers(self.motion.curved, y, self.each, self.p, multipliers)
+        hessians = found.T.reshape(n, steps, ny + 1 + len(self.p), -1)
+        by = np.zeros((n, steps, hessians.shape[2], count))
+        by[:, :, :ny] = self.begun
+        by[:, :, ny:, ny - 1 :] = np.eye(1 + len(self.p))
+        bent: np.ndarray = (by.swapaxes(2, 3) @ hessians @ by).sum(axis=1)
+        bent[:, ny - 1] /= steps
+        bent[:, :, ny - 1] /= steps
+        return bent
 
 
 def motion_of(problem: Problem, phase: Phase) -> Motion:
@@ -92,10 +148,3 @@ def motion_of(problem: Problem, phase: Phase) -> Motion:
 def _sum(row: np.ndarray, slopes: list[Any]) -> Expr:
     """Return the sum of slopes times the coefficients of a row that are not zero."""
     return sum((a * k for a, k in zip(row, slopes, strict=False) if a), casadi.SX(0))
-
-
-def _evaluated(function: casadi.Function, given: list[np.ndarray]) -> list[np.ndarray]:
-    """Return the matrices (n, r, c) that a function gives for n columns."""
-    n = given[0].shape[1]
-    found = numbers(function, *given)
-    return [each.reshape(each.shape[0], n, -1).transpose(1, 0, 2) for each in found]

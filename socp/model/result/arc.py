@@ -70,8 +70,8 @@ class Arc:
         used = np.unique(interval)
         if used.size <= _ONE_BY_ONE:
             for k in used:
-                here, nodes = interval == k, self.nodes(int(k), which)
-                out[:, here] = lagrange(self.t[nodes], values[:, nodes], t[here])
+                here, own = interval == k, self.nodes(int(k), which)
+                out[:, here] = lagrange(self.t[own], values[:, own], t[here])
             return out
         first = self.mesh[used] + (which == "u" and self.side == "right")
         last = self.mesh[used + 1] + (which != "u" or self.side != "left")
