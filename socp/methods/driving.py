@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 from itertools import product
 
 import numpy as np
-from scipy.integrate import BDF
 
 from socp.methods.guess import guess_of
 from socp.model import Problem, Solution, numbers, parameters_of, rate_function
@@ -99,6 +98,8 @@ def _integrated(
     x = np.repeat(x0[:, None], t.size, axis=1)
     if not np.isfinite(moved(t[0], x0)).all():
         return x
+    from scipy.integrate import BDF  # where a problem asks for it
+
     steps = BDF(moved, t[0], x0, t[-1], rtol=_RTOL, atol=_RTOL * _RTOL * sizes)
     for _ in range(_STEPS):
         try:

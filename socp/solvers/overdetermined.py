@@ -9,7 +9,6 @@ from dataclasses import replace
 import casadi
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from socp.model import Stop
 from socp.process import seconds_left
@@ -112,6 +111,8 @@ def _descended(
 
 
 def _step(values: np.ndarray, slopes: sparse.spmatrix) -> np.ndarray:
+    from scipy.sparse.linalg import splu
+
     m, n = slopes.shape
     matrix = sparse.bmat(
         [[sparse.identity(m), slopes], [slopes.T, -_RANK * sparse.identity(n)]], format="csc"

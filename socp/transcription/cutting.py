@@ -9,7 +9,6 @@ from typing import final
 
 import casadi
 import numpy as np
-from scipy.optimize import brentq
 
 from socp.model import (
     ROUNDED,
@@ -259,4 +258,6 @@ class _Looks:
 
         if value(first) * value(last) >= 0.0:
             return None
+        from scipy.optimize import brentq  # where there is a kink
+
         return float(brentq(value, first, last))

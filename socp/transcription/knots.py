@@ -10,7 +10,6 @@ from itertools import pairwise
 
 import casadi
 import numpy as np
-from scipy.optimize import brentq
 
 from socp.model import SAME_TIME, Arc, Problem, Solution, column, numbers, once, time
 from socp.transcription.branches import decided
@@ -43,6 +42,8 @@ def knot_times(problem: Problem) -> tuple[float, ...]:
     of_time = [each for each in every if not casadi.depends_on(each, others)]
     if not of_time:
         return ()
+    from scipy.optimize import brentq  # where there is a knot
+
     values = casadi.Function("knots", [time], [column(of_time)])
     grid = np.linspace(first, end, _LOOKS + 1)
     sampled = numbers(values, grid)[0]

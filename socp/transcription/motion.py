@@ -10,10 +10,12 @@ from typing import Any, final
 
 import casadi
 import numpy as np
-from scipy.integrate import DOP853
 
 from socp.model import Expr, Problem, cached, numbers, once, time
+from socp.transcription.dormand_prince import DOP853_STAGES
 from socp.transcription.phases import Phase
+
+_END = 12  # the stage that is the end of a step
 
 
 @final
@@ -33,10 +35,11 @@ class Motion:
         motion = casadi.Function("f", given, [casadi.vertcat(rate, phase.carried_rate, running, 1)])
         y, h = casadi.SX.sym("y", motion.size1_out(0)), casadi.SX.sym("h")
         slopes: list[Any] = []
-        for row in DOP853.A:
+        *stages, last = DOP853_STAGES[: _END + 1]
+        for row in stages:
             at = y + h * _sum(row, slopes)
             slopes.append(motion(at[:-2], at[-1], problem.p))
-        return casadi.Function("step", [y, h, problem.p], [y + h * _sum(DOP853.B, slopes)])
+        return casadi.Function("step", [y, h, problem.p], [y + h * _sum(last, slopes)])
 
     @once
     def flow(self, steps: int) -> casadi.Function:
@@ -145,6 +148,6 @@ def motion_of(problem: Problem, phase: Phase) -> Motion:
     return found
 
 
-def _sum(row: np.ndarray, slopes: list[Any]) -> Expr:
+def _sum(row: list[float], slopes: list[Any]) -> Expr:
     """Return the sum of slopes times the coefficients of a row that are not zero."""
     return sum((a * k for a, k in zip(row, slopes, strict=False) if a), casadi.SX(0))

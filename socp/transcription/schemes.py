@@ -7,7 +7,6 @@ from functools import cache
 from typing import Literal, final
 
 import numpy as np
-from scipy.special import roots_jacobi
 
 from socp.errors import MethodError
 from socp.model import differentiation, legendre
@@ -107,15 +106,25 @@ def radau(points: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the LGR points (n,) on [-1, 1), roots of P_{n-1} + P_n, and their weights (n,)."""
     if points < 1:
         raise MethodError(f"LGR points: {points} where 1 or more are needed")
-    inner = roots_jacobi(points - 1, 0.0, 1.0)[0] if points > 1 else np.empty(0)
     # the weights lose a digit or two to the recurrence: keep spare ones
-    tau = np.append(-1.0, inner).astype(np.longdouble)
+    tau = np.append(-1.0, _roots(points - 1)).astype(np.longdouble)
     for _ in range(2):  # Newton takes the last digits
         value, slope = _radau_polynomial(points, tau[1:])
         tau[1:] -= value / slope
     weights = (1.0 - tau) / (points * legendre(points, tau)[points - 1]) ** 2
     weights[0] = np.longdouble(2.0) / points**2
     return tau.astype(float), weights.astype(float)
+
+
+def _roots(count: int) -> np.ndarray:
+    """Return the roots (n,) of the Jacobi polynomial P_n^(0, 1), eigenvalues of the matrix of its
+    recurrence (Golub, Welsch, Math. Comp. 23, 1969).
+    """
+    k = np.arange(count)
+    beside = np.sqrt(k * (k + 1.0)) / (2.0 * k + 1.0)
+    matrix = np.diag(1.0 / ((2.0 * k + 1.0) * (2.0 * k + 3.0))) + np.diag(beside[1:], -1)
+    roots: np.ndarray = np.linalg.eigvalsh(matrix)
+    return roots
 
 
 def _radau_polynomial(points: int, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

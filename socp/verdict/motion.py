@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, pairwise
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import casadi
 import numpy as np
-from scipy.integrate import DOP853, LSODA
 
 from socp import laws
 from socp.model import (
@@ -35,6 +34,11 @@ from socp.model import (
 )
 from socp.transcription import knot_times
 from socp.verdict.simulation.steps import Flow, Plan, Steps
+
+if TYPE_CHECKING:
+    from scipy.integrate import OdeSolver
+else:
+    OdeSolver = Any
 
 RTOL = 1e-10  # of DOP853; what is compared with it is seldom better than 1e-9
 # Points looked at in every step: a parabola, which takes DOP853 one step, hides 1/400 of its height
@@ -176,7 +180,7 @@ class _Looks:
     t: list[np.ndarray]
     x: list[np.ndarray]
 
-    def add(self, solver: Steps | DOP853 | LSODA, count: int) -> None:
+    def add(self, solver: Steps | OdeSolver, count: int) -> None:
         """Look at so many points of the last step, and compare the nodes within it."""
         t = np.linspace(solver.t_old, solver.t, count + 1)[1:]
         nodes = slice(*np.searchsorted(self.arc.t, [solver.t_old, solver.t], side="right"))
@@ -258,6 +262,16 @@ def _nothing(t: np.ndarray) -> np.ndarray:
     return np.empty((0, t.size))
 
 
+def _scipy(
+    name: str, rate: Control, span: tuple[float, float], y: np.ndarray, **options: Any
+) -> OdeSolver:
+    """Return a method of scipy, which is imported where it is needed."""
+    import scipy.integrate
+
+    solver: OdeSolver = getattr(scipy.integrate, name)(rate, span[0], y, span[1], **options)
+    return solver
+
+
 def _integrate(
     piece: Piece,
     flow: Flow | Control,
@@ -274,16 +288,18 @@ def _integrate(
     # at the end of the piece rates are those before what jumps there
     span = piece.start, piece.end, math.nextafter(piece.end, piece.start)
     tolerance: dict[str, Any] = {"rtol": RTOL, "atol": RTOL * scale}
+    solver: Steps | OdeSolver
     if callable(flow):
         rate = flow
-        solver = DOP853(rate, piece.start, y, piece.end, first_step=first, **tolerance)
+        solver = _scipy("DOP853", rate, span[:2], y, first_step=first, **tolerance)
     else:
         solver = Steps(flow, span, y, first, **tolerance)
         rate = solver.rate
-    taken = 0
+    taken, stiff = 0, False
     while solver.status == "running":
-        if looks.log.steps > _MANY and not isinstance(solver, LSODA):
-            solver = LSODA(rate, solver.t, solver.y, piece.end, **tolerance)
+        if looks.log.steps > _MANY and not stiff:
+            solver = _scipy("LSODA", rate, (solver.t, piece.end), solver.y, **tolerance)
+            stiff = True
         message, taken = solver.step(), taken + 1
         looks.log.steps += taken > _FEW
         if solver.status == "failed" or not np.all(np.abs(solver.y[:-1]) <= _DIVERGED * scale[:-1]):

@@ -7,7 +7,6 @@ from typing import final
 
 import numpy as np
 from scipy.linalg import lstsq
-from scipy.optimize import linprog
 
 from socp.model import EXTREMAL, ROUNDED, TINY, Condition, Finding
 from socp.process import output_discarded
@@ -191,6 +190,8 @@ def _strict(case: Case, z: np.ndarray) -> np.ndarray:
     )
     margin = np.zeros(right.size)
     margin[: offset.size] = 1.0
+    from scipy.optimize import linprog
+
     found = linprog(
         np.append(np.zeros(z.size), -1.0),
         np.column_stack([left, margin]),

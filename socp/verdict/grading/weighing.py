@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from scipy.optimize import linprog
 from scipy.sparse import csr_array, diags_array, eye_array, hstack, vstack
 
 from socp.verdict.grading.unknowns import Free, Unknowns
@@ -118,6 +117,8 @@ def _programme(unknowns: Unknowns, unit: np.ndarray, frees: list[Free], size: fl
 
 def _least(programme: _Programme) -> np.ndarray | None:
     """Solve the programme; the simplex method is the faster, the inner point the sturdier one."""
+    from scipy.optimize import linprog
+
     bounds = np.column_stack([programme.low, np.full(programme.low.size, np.inf)])
     for method in ("highs-ds", "highs-ipm"):
         found = linprog(

@@ -1,8 +1,8 @@
 """Steps of DOP853 along a flow that casadi knows, each one call of a function that is built once.
 
 Coefficients, error estimate, step sizes and what is in between are those of Hairer, Norsett,
-Wanner, Solving ODEs I, II.4, II.5 and II.10, as scipy's class has them; what Python does in every
-one of its sixteen stages takes ten times as long as a step here.
+Wanner, Solving ODEs I, II.4, II.5 and II.10, as scipy's class has them; what Python does there in
+every one of sixteen stages takes ten times as long as a step here.
 """
 
 import math
@@ -12,19 +12,16 @@ from typing import final
 
 import casadi
 import numpy as np
-from scipy.integrate import DOP853
 
 from socp.model import fast, numbers, once
+from socp.transcription import DOP853_ERRORS, DOP853_STAGES, DOP853_THROUGH, DOP853_TIMES
 
 Plan = Callable[[np.ndarray], np.ndarray]  # times (k,) -> controls (nu, k)
 # rates (x, u, t, p) -> (n,), the last of which no rate depends on, with controls and parameters
 Flow = tuple[casadi.Function, Plan, np.ndarray]
 
-# Of a step: when its stages are, twelve, its end, and three for what is in between
-_TIMES = np.concatenate([DOP853.C, [1.0], DOP853.C_EXTRA])
-_ROWS = [*DOP853.A, DOP853.B, *DOP853.A_EXTRA]
-_END = DOP853.n_stages  # the stage at the end of the step
-_EXPONENT = -1.0 / (DOP853.error_estimator_order + 1)
+_END = 12  # the stage at the end of the step: twelve before it, and three for what is in between
+_EXPONENT = -1.0 / 8.0  # of the error, which is of order 7
 _SAFETY, _LEAST, _MOST = 0.9, 0.2, 10.0  # how a step follows from the last one, as factors
 
 
@@ -36,16 +33,15 @@ def one_step(flow: casadi.Function) -> casadi.Function:
     """
     symbol = casadi.SX.sym
     y, h, p = symbol("y", flow.size1_out(0)), symbol("h"), symbol("p", flow.size1_in(3))
-    u, t = symbol("u", flow.size1_in(1), _TIMES.size), symbol("t", 1, _TIMES.size)
+    u, t = symbol("u", flow.size1_in(1), DOP853_TIMES.size), symbol("t", 1, DOP853_TIMES.size)
     slopes, after = casadi.SX(y.numel(), 0), y
-    for s, row in enumerate(_ROWS):
-        at = y + h * casadi.mtimes(slopes, casadi.DM(row[:s])) if s else y
+    for s, row in enumerate(DOP853_STAGES):
+        at = y + h * casadi.mtimes(slopes, casadi.DM(row)) if s else y
         slopes = casadi.horzcat(slopes, flow(at[:-1], u[:, s], t[s], p))
         after = at if s == _END else after
-    estimates = casadi.DM(np.column_stack([DOP853.E5, DOP853.E3]))
-    errors = h * casadi.mtimes(slopes[:, : _END + 1], estimates)
+    errors = h * casadi.mtimes(slopes[:, : _END + 1], casadi.DM(DOP853_ERRORS))
     moved, first, last = after - y, h * slopes[:, 0], h * slopes[:, _END]
-    more = h * casadi.mtimes(slopes, casadi.DM(DOP853.D.T))
+    more = h * casadi.mtimes(slopes, casadi.DM(DOP853_THROUGH))
     between = casadi.horzcat(moved, first - moved, 2 * moved - last - first, more)
     found = [casadi.densify(each) for each in (after, errors, between)]
     return casadi.Function("step", [y, u, t, h, p], found)
@@ -110,7 +106,7 @@ class Steps:
                 return "the step is shorter than times can tell"
             t = min(self.t + length, self._end)
             length = t - self.t
-            at = np.minimum(self.t + _TIMES * length, self._latest)
+            at = np.minimum(self.t + DOP853_TIMES * length, self._latest)
             given = self.y, self._plan(at), at, length, self._p
             after, errors, between = numbers(self._one, *given)
             scale = self._atol + np.maximum(np.abs(self.y), np.abs(after[:, 0])) * self._rtol
