@@ -133,8 +133,8 @@ def numbers(function: casadi.Function, *given: np.ndarray | float) -> list[np.nd
         raise ValueError(f"{function}: given {', '.join(str(np.shape(each)) for each in given)}")
     if not count:  # casadi maps over one column at least
         return [np.empty((rows, 0)) for rows, _, _ in told]
-    loaned = function.__dict__.pop("loaned", None)  # nobody else works on it meanwhile
-    desk = loaned if loaned is not None and loaned.count == count else _Desk(function, count)
+    desks = cached(function, _Desk)
+    desk = desks.pop((count,), None) or _Desk(function, count)  # nobody else works on it meanwhile
     for (size, entries), values, own in zip(asked, flat, desk.given, strict=True):
         if size:
             columns = values.reshape(-1, size)
@@ -145,8 +145,13 @@ def numbers(function: casadi.Function, *given: np.ndarray | float) -> list[np.nd
         whole = np.zeros((count, rows * width))
         whole[:, slice(None) if entries is None else entries] = at
         found.append(whole.reshape(count * width, rows).T)
-    function.__dict__["loaned"] = desk
+    while len(desks) >= _DESKS:
+        del desks[next(iter(desks))]
+    desks[(count,)] = desk
     return found
+
+
+_DESKS = 4  # of a function, for as many counts of points: solves in turns keep to a few
 
 
 @final
@@ -156,7 +161,7 @@ class _Desk:
     """
 
     def __init__(self, function: casadi.Function, count: int) -> None:
-        self.count, self.function = count, function.map(count)
+        self.function = function.map(count)
         self.buffer, self.trigger = self.function.buffer()
         inward = [function.nnz_in(i) for i in range(function.n_in())]
         outward = [function.nnz_out(i) for i in range(function.n_out())]

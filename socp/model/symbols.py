@@ -96,7 +96,8 @@ def is_number(value: Any) -> bool:
 
 def column(expressions: Any) -> Expr:
     """Stack expressions or numbers into a column; an empty list gives a column of no rows."""
-    return casadi.vertcat(casadi.SX(0, 1), *(casadi.SX(e) for e in expressions))
+    parts = (e if isinstance(e, casadi.SX) else casadi.SX(e) for e in expressions)
+    return casadi.vertcat(casadi.SX(0, 1), *parts)
 
 
 def relation(expression: Expr, where: str) -> tuple[Expr, bool]:

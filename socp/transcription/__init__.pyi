@@ -18,6 +18,7 @@ from .mesh import table as table
 from .mesh import tails as tails
 from .mesh import uniform as uniform
 from .mesh import unresolved as unresolved
+from .motion import Motion as Motion
 from .phases import Choice as Choice
 from .phases import Phase as Phase
 from .phases import PhasedProblem as PhasedProblem

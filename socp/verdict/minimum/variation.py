@@ -23,7 +23,7 @@ import casadi
 import numpy as np
 
 from socp.model import Expr, Problem, numbers, once, parameters_of, time
-from socp.transcription import Phase, Shooting
+from socp.transcription import Motion, Phase, Shooting
 from socp.verdict.minimum.induced import Induced
 
 
@@ -52,7 +52,7 @@ def reference(known: Induced, k: int, nodes: np.ndarray) -> Reference:
     gaps = np.diff(np.vstack([begins[:-1], t, begins[1:]]), axis=0)
     before = np.vstack([begins[:-1], t[:-1]])
     steps = int(np.ceil(np.diff([0.0, *nodes, 1.0]).max() * shooting.steps))
-    motion, adjoint, control = _functions(known, k, steps, nodes.size)
+    motion, adjoint, control = _functions(shooting.motions[k], steps, nodes.size)
     held, count = np.repeat(p[:, None], t.size, axis=1), t.shape[1]
     at = numbers(motion, z[:, :-1], _in_time(before), _in_time(gaps[:-1]), held)[0]
     back = at.reshape(len(z), count, -1)[:, :, ::-1].reshape(len(z), -1)
@@ -70,15 +70,13 @@ def _in_time(values: np.ndarray) -> np.ndarray:
 
 @once
 def _functions(
-    known: Induced, k: int, steps: int, count: int
+    motion: Motion, steps: int, count: int
 ) -> tuple[casadi.Function, casadi.Function, casadi.Function]:
-    """Return the motion of phase k over so many times in a row, (z, t, h, p) -> z after each, the
-    costates before them from that after the last, (costate, z, t, h, p), backwards, and the
-    control.
+    """Return a motion over so many times in a row, (z, t, h, p) -> z after each, the costates
+    before them from that after the last, (costate, z, t, h, p), backwards, and the control.
     """
-    shooting = known.conditions.shooting
-    problem, phase = shooting.phased.of, shooting.phased.phases[k]
-    flow = shooting.motions[k].flow(steps)
+    problem, phase = motion.problem, motion.phase
+    flow = motion.flow(steps)
     Z, T, H, P = flow.mx_in()
     after = casadi.MX.sym("after", Z.numel())
     end, running = flow(Z, T, H, P)
