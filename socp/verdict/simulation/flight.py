@@ -61,17 +61,7 @@ def simulated(
     if plant is None:
         raise MethodError("the solution carries no problem; give one: solution.simulate(problem)")
     driven = _changed(plant, disturbance or {}, start or {})
-    p, box = parameters_of(plant, solution), plant.box
-    if callable(feedback):
-        control = _cut_off(feedback, box)
-        pieces = [[Piece(*_ends(arc), control=control)] for arc in solution.arcs]
-    elif feedback:
-        pieces = [
-            [Piece(*_ends(arc), control=_cut_off(_law(own or plant, arc, p), box))]
-            for arc in solution.arcs
-        ]
-    else:
-        pieces = [pieces_in_time(arc) for arc in solution.arcs]
+    pieces = _pieces(solution, own or plant, plant.box, feedback)
     log = Log()
     with np.errstate(all="ignore"):  # what overflows ends as an error of the integration
         end, error = travel(driven, solution, pieces, log)
@@ -99,8 +89,18 @@ def _origin(solution: Solution, feedback: Feedback | bool) -> Origin:
     return Origin(method="simulate", options={"feedback": kind}, versions=versions)
 
 
-def _ends(arc: Arc) -> tuple[float, float]:
-    return float(arc.t[0]), float(arc.t[-1])
+def _pieces(
+    solution: Solution, own: Problem, box: np.ndarray, feedback: bool | Feedback
+) -> list[list[Piece]]:
+    """Return what is flown on every arc: the plan, the laws of its own problem, or a function."""
+    if not feedback:
+        return [pieces_in_time(arc) for arc in solution.arcs]
+    p = parameters_of(own, solution)
+    controls = [feedback if callable(feedback) else _law(own, arc, p) for arc in solution.arcs]
+    return [
+        [Piece(float(arc.t[0]), float(arc.t[-1]), control=_cut_off(control, box))]
+        for arc, control in zip(solution.arcs, controls, strict=True)
+    ]
 
 
 def _law(problem: Problem, arc: Arc, p: np.ndarray) -> Feedback:
