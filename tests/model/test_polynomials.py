@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from socp.model.arc import Arc
 from socp.model.polynomials import (
     barycentric,
     coincident,
@@ -17,6 +16,7 @@ from socp.model.polynomials import (
     legendre,
     legendre_coefficients,
 )
+from socp.model.result.arc import Arc
 from socp.transcription.schemes import lgr
 
 POINTS = [1, 2, 3, 4, 5, 7, 10, 15, 20, 30, 40, 50, 60]
