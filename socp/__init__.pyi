@@ -30,6 +30,8 @@ from .registry import solve as solve
 from .solvers import Backend as Backend
 from .solvers import Ipopt as Ipopt
 from .study import follow as follow
+from .study import points as points
+from .study import sweep as sweep
 from .transcription import collocate as collocate
 from .transcription import single_phase as single_phase
 from .transcription import uniform as uniform

@@ -56,6 +56,7 @@ _COMMANDS: Mapping[str, tuple[str, str]] = {
         "Find the best objective for every number of switches, print a table.",
     ),
     "follow": ("following", "Follow an extremal over one number of its problem."),
+    "sweep": ("sweeping", "Solve a problem at many values of its numbers, a row each."),
     "export": (
         "exporting",
         "Write a saved result, or a problem, in the format of another program.",

@@ -1,7 +1,8 @@
 """Problems as a command was given them: loaded, with the numbers that `--set` changes."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
 
 import click
 from rich.text import Text
@@ -33,6 +34,19 @@ def load_posed(given: str, changes: Sequence[str], registry: Registry) -> "Probl
     return with_changes(load_problem(given, registry), changes)
 
 
+@final
+@dataclass(frozen=True)
+class Named:
+    """A problem by path or name, for worker processes, which load it themselves."""
+
+    given: str
+    changes: tuple[str, ...]
+
+    def __call__(self) -> "Problem":
+        """Load the problem."""
+        return load_posed(self.given, self.changes, Registry.load(only=()))
+
+
 def with_changes(problem: "Problem", changes: Sequence[str]) -> "Problem":
     """Return a problem with changes NAME=VALUE; MethodError as above."""
     named = told(changes)
@@ -61,6 +75,18 @@ def span_of(changes: Sequence[str]) -> tuple[str, tuple[float, float], tuple[str
         raise MethodError(f"--set {short(name)}={short(text)}: give FROM:TO, two numbers") from None
     others = tuple(f"{n}={text}" for n, text in told(changes).items() if n != name)
     return name, (first, last), others
+
+
+def ranges_of(changes: Sequence[str]) -> tuple[dict[str, str], tuple[str, ...]]:
+    """Return the numbers that take several values, by name, LO:HI:N or a distribution each, and the
+    other changes. A distribution may follow its name after a tilde.
+    """
+    spelt = [
+        text if "=" in text.partition("~")[0] else text.replace("~", "=", 1) for text in changes
+    ]
+    named = told(spelt)
+    ranges = {name: text for name, text in named.items() if ":" in text or "(" in text}
+    return ranges, tuple(f"{n}={text}" for n, text in named.items() if n not in ranges)
 
 
 def told(changes: Sequence[str]) -> dict[str, str]:

@@ -7,6 +7,7 @@ from .candidate import without_short_arcs as without_short_arcs
 from .conclusion import conclude as conclude
 from .conclusion import pursue as pursue
 from .conclusion import with_starts as with_starts
+from .digits import spurious as spurious
 from .digits import with_agreement as with_agreement
 from .effort import Ration as Ration
 from .effort import Search as Search
@@ -37,4 +38,5 @@ from .tree.branching import Child as Child
 from .tree.softening import end_miss as end_miss
 from .tree.softening import softened_problem as softened_problem
 from .warm import continued as continued
+from .warm import neighbour as neighbour
 from .warm import warm_start as warm_start

@@ -52,7 +52,7 @@ def settled(
     if it is certified and no worse.
     """
     for _ in range(len(solution.arcs)):
-        short = _spurious(solution)
+        short = spurious(solution)
         if not short or seconds_left() <= 0.0:
             break
         now = word_of(solution)
@@ -74,7 +74,7 @@ def settled(
     return solution
 
 
-def _spurious(solution: Solution) -> list[int]:
+def spurious(solution: Solution) -> list[int]:
     """Return the arcs that are shorter than the error of one of their ends, never all of them."""
     errors = dict(solution.verdict.switch_errors) if solution.verdict else {}
     times, known = np.array(list(errors)), np.array(list(errors.values()))

@@ -45,7 +45,7 @@ def warm_start(
 
 def _found(problem: Problem, guess: Solution, own: Search, watch: Watch) -> Solution | None:
     learn(problem, guess)
-    found = _neighbour(problem, guess)
+    found = neighbour(problem, guess, _origin(problem, guess))
     if found is not None:
         own.note(found.word, found)
         return found
@@ -55,9 +55,11 @@ def _found(problem: Problem, guess: Solution, own: Search, watch: Watch) -> Solu
     return best
 
 
-def _neighbour(problem: Problem, guess: Solution) -> Solution | None:
-    """Return what Newton makes of a guess, where that is certified."""
-    found = continued(problem, guess, _origin(problem, guess))
+def neighbour(
+    problem: Problem, guess: Solution, origin: Problem, ahead: Solution | None = None
+) -> Solution | None:
+    """Return what Newton makes of a guess, where that is certified; arguments as of `continued`."""
+    found = continued(problem, guess, origin, ahead)
     if found is None or not sound(problem, found):
         return None
     shortest = SHORTEST * (found.final_time - found.initial_time)

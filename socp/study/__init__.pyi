@@ -16,3 +16,10 @@ from .frontier import limit as limit
 from .frontier import limit_switches as limit_switches
 from .store import Store as Store
 from .store import fingerprint as fingerprint
+from .sweeping.engine import engine as engine
+from .sweeping.points import Points as Points
+from .sweeping.points import points as points
+from .sweeping.sweep import Kept as Kept
+from .sweeping.sweep import Sweep as Sweep
+from .sweeping.sweep import sweep as sweep
+from .sweeping.sweep import travels as travels

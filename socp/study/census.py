@@ -3,10 +3,12 @@ and word.
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any, final
+from typing import final
 
 import numpy as np
 
@@ -172,12 +174,13 @@ def survey(
     starts: int,
     store: Store | None = None,
     watch: Watch = silent,
-    workers: tuple[int, Callable[[], Problem]] | None = None,
+    workers: tuple[int | Executor, Callable[[], Problem]] | None = None,
 ) -> Census:
     """Return the census of so many starts; those kept already are not followed again, new ones are
     kept.
 
-    workers: number of processes, and how each of them loads the problem; none means this process.
+    workers: number of processes, or an executor, and how each of its workers loads the problem;
+    none means this process.
     Ctrl-C, or a true answer of the watch, ends it with the starts finished so far.
     """
     tally = Tally(starts, watch)
@@ -219,11 +222,10 @@ def _running(
     problem: Problem,
     todo: Sequence[int],
     watch: Watch,
-    workers: tuple[int, Callable[[], Problem]] | None,
-) -> Any:
+    workers: tuple[int | Executor, Callable[[], Problem]] | None,
+) -> Generator[tuple[int, Outcome | None]]:
     """Yield (number, outcome) of every start, None where its worker died."""
     if workers is None or workers[0] == 1:
         yield from ((number, explore(problem, number, watch)) for number in todo)
         return
-    inner: Iterator[tuple[int, Outcome | None]] = results_of(Task(workers[1]), todo, workers[0])
-    yield from inner
+    yield from results_of(Task(workers[1]), deque(todo), workers[0])

@@ -1,10 +1,12 @@
-"""Finished starts of a census, kept on disk: what they came to, as data, for one formula of a
-problem.
+"""Finished work kept on disk, as data, for one formula of a problem: starts of a census, chains of
+a sweep.
 """
 
 import hashlib
 import json
 import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
@@ -16,58 +18,37 @@ from socp.process import write_atomic
 from socp.study.clusters import Outcome
 
 _SCHEMA = 2  # version of the files
+_UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
 _KEPT = 8  # digits of the key in a file's name: problems of other numbers stand beside each other
 
 
 @final
 @dataclass(frozen=True)
-class Store:
-    """A directory of finished starts, one JSON file each.
+class Drawer:
+    """A directory of finished pieces of work, one JSON file each, told apart by a number.
 
-    Files of another problem or recipe count for nothing, nor do files that are not as they were
-    written.
+    Files of another kind or key count for nothing, nor do files that are not as they were written.
     """
 
     folder: Path
     key: str
+    kind: str
 
-    def read(self) -> dict[int, Outcome]:
-        """Return the outcomes that are there, by number; what cannot be read is not there."""
-        found = {}
-        for path in sorted(self.folder.glob("start-*.json")):
+    def documents(self) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Yield number and contents of all files that are there and whole."""
+        for path in sorted(self.folder.glob(f"{self.kind}-*.json")):
             try:
                 document = json.loads(path.read_text(encoding="utf-8"))
                 whole = document.pop("checksum") == _checksum(document)
                 if whole and document["schema"] == _SCHEMA and document["key"] == self.key:
-                    result = document["result"]
-                    solution = None if result is None else from_json(json.dumps(result))
-                    outcome = Outcome(
-                        int(document["start"]), document["about"], solution, document["error"]
-                    )
-                    found[outcome.number] = outcome
-            except (
-                OSError,
-                ValueError,
-                KeyError,
-                TypeError,
-                AttributeError,
-                RecursionError,
-                SolveError,
-            ):
+                    yield int(document[self.kind]), document
+            except (OSError, *_UNREADABLE):
                 continue
-        return found
 
-    def write(self, outcome: Outcome) -> None:
-        """Keep an outcome; SolveError names the file that cannot be written."""
-        path = self.folder / f"start-{outcome.number:04d}-{self.key[:_KEPT]}.json"
-        result = None if outcome.solution is None else json.loads(to_json(outcome.solution))
-        document = {
-            "schema": _SCHEMA,
-            "key": self.key,
-            "start": outcome.number,
-            "about": outcome.about,
-        }
-        document |= {"error": outcome.error, "result": result}
+    def write(self, number: int, contents: Mapping[str, Any]) -> None:
+        """Keep a piece of work; SolveError names the file that cannot be written."""
+        path = self.folder / f"{self.kind}-{number:04d}-{self.key[:_KEPT]}.json"
+        document = {"schema": _SCHEMA, "key": self.key, self.kind: number, **contents}
         try:
             self.folder.mkdir(exist_ok=True)
         except OSError as error:
@@ -75,6 +56,35 @@ class Store:
         write_atomic(
             path, json.dumps({**document, "checksum": _checksum(document)}, allow_nan=False)
         )
+
+
+@final
+@dataclass(frozen=True)
+class Store:
+    """The finished starts of a census, in a drawer."""
+
+    folder: Path
+    key: str
+
+    @property
+    def _drawer(self) -> Drawer:
+        return Drawer(self.folder, self.key, "start")
+
+    def read(self) -> dict[int, Outcome]:
+        """Return the outcomes that are there, by number; what cannot be read is not there."""
+        found = {}
+        for number, document in self._drawer.documents():
+            with suppress(SolveError, *_UNREADABLE):
+                result = document["result"]
+                solution = None if result is None else from_json(json.dumps(result))
+                found[number] = Outcome(number, document["about"], solution, document["error"])
+        return found
+
+    def write(self, outcome: Outcome) -> None:
+        """Keep an outcome; SolveError names the file that cannot be written."""
+        result = None if outcome.solution is None else json.loads(to_json(outcome.solution))
+        kept = {"about": outcome.about, "error": outcome.error, "result": result}
+        self._drawer.write(outcome.number, kept)
 
 
 def _checksum(document: dict[str, Any]) -> str:

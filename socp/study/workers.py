@@ -1,5 +1,5 @@
-"""Jobs over worker processes: a worker that dies costs its job alone, and whoever waits can stop
-them all.
+"""Jobs over workers: processes of this machine, or any `concurrent.futures.Executor`; whoever waits
+can stop them all.
 """
 
 import multiprocessing
@@ -7,8 +7,15 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -16,50 +23,86 @@ from typing import Any, TypeVar
 from socp.model import Progress
 from socp.solvers import end_with
 
+J = TypeVar("J")
 T = TypeVar("T")
 _MASKS = hasattr(signal, "pthread_sigmask")
 _HERE: list[Any] = []  # in a worker: the event that asks it to stop
+_CLUSTER = "distributed"  # the package whose errors tell of workers that died
 
 
 def results_of(
-    task: Callable[[int], T], numbers: Sequence[int], jobs: int
-) -> Iterator[tuple[int, T | None]]:
-    """Yield every number with what the task makes of it in a process of its own, as it comes; None:
-    its worker died.
+    task: Callable[[J], T], waiting: deque[J], workers: int | Executor
+) -> Generator[tuple[J, T | None], None, None]:
+    """Yield every job with what the task makes of it in a worker, as it comes; None: its worker
+    died. Jobs may be added to the queue between two results.
 
-    Where a worker dies, all that were under way are tried again, each alone; the one whose worker
-    dies again is to blame. The task is pickled. Closing the iterator, or Ctrl-C, ends the workers:
-    what they are at is lost, what they have finished is yielded before.
+    `workers`: a number of processes, or an executor, which is handed all that waits; it belongs to
+    the caller, who shuts it down. Where a process dies, all that were under way are tried again,
+    each alone; the one whose process dies again is to blame. An executor does that by itself, or
+    not at all. Task and jobs are pickled. Closing the iterator, or Ctrl-C, ends the processes: what
+    they are at is lost, what they have finished is yielded before.
     """
-    waiting = deque(numbers)
+    if isinstance(workers, Executor):
+        yield from _handed(task, waiting, workers)
+        return
     while waiting:
-        suspects = yield from _pooled(task, waiting, jobs)
-        for number in suspects:
-            if (yield from _pooled(task, deque([number]), 1)):
-                yield number, None
+        suspects = yield from _pooled(task, waiting, workers)
+        for job in suspects:
+            if (yield from _pooled(task, deque([job]), 1)):
+                yield job, None
 
 
-def asked(_progress: Progress, /) -> bool:
+def asked(_progress: Progress | None = None, /) -> bool:
     """Watch for the wish, seen in a worker, that it should stop."""
     return bool(_HERE) and bool(_HERE[0].is_set())
 
 
+def _handed(
+    task: Callable[[J], T], waiting: deque[J], executor: Executor
+) -> Iterator[tuple[J, T | None]]:
+    """Work a queue off with an executor."""
+    running = dict[Future[T], J]()
+    try:
+        while waiting or running:
+            while waiting:
+                job = waiting.popleft()
+                running[executor.submit(task, job)] = job
+            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield running.pop(future), _outcome(future)
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def _outcome(future: Future[T]) -> T | None:
+    """Return what a job came to, None where its worker died."""
+    try:
+        return future.result()
+    except BrokenExecutor:
+        return None
+    except Exception as error:
+        if type(error).__module__.partition(".")[0] != _CLUSTER:
+            raise
+        return None
+
+
 def _pooled(
-    task: Callable[[int], T], waiting: deque[int], jobs: int
-) -> Generator[tuple[int, T | None], None, list[int]]:
-    """Work a queue off with one pool of processes; returns the numbers that were under way when a
+    task: Callable[[J], T], waiting: deque[J], count: int
+) -> Generator[tuple[J, T | None], None, list[J]]:
+    """Work a queue off with one pool of processes; returns the jobs that were under way when a
     worker died.
     """
     context = multiprocessing.get_context("spawn")
     before = set(multiprocessing.active_children())
-    running = dict[Future[T], int]()
+    running = dict[Future[T], J]()
     with _sheltered():  # the first event starts a process too, which tracks it
         stop = context.Event()
-        pool = ProcessPoolExecutor(min(jobs, len(waiting)), context, _begin, (stop, os.getpid()))
+        pool = ProcessPoolExecutor(count, context, _begin, (stop, os.getpid()))
     try:
         while waiting or running:
             while (
-                waiting and len(running) < jobs
+                waiting and len(running) < count
             ):  # no more than are worked on: the others are not under suspicion
                 with _sheltered():
                     running[pool.submit(task, waiting[0])] = waiting[0]
@@ -86,7 +129,7 @@ def _pooled(
             for worker in set(multiprocessing.active_children()) - before:
                 worker.kill()
         pool.shutdown(cancel_futures=True)
-    return sorted(running.values())
+    return list(running.values())
 
 
 @contextmanager

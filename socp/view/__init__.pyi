@@ -52,5 +52,6 @@ from .report import verdict_rows as verdict_rows
 from .statement import formula as formula
 from .statement import notes as notes
 from .statement import statement_rows as statement_rows
+from .tables import columns_from as columns_from
 from .tables import rows_from_parquet as rows_from_parquet
 from .tables import rows_to_parquet as rows_to_parquet

@@ -1,5 +1,6 @@
 """Tables of many solutions as Parquet files: rows of plain values, and facts about all of them."""
 
+import csv
 import io
 import json
 from collections.abc import Mapping, Sequence
@@ -39,3 +40,22 @@ def rows_from_parquet(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]
         raise SolveError(f"{path}: it is no table that socp has written") from error
     rows: list[dict[str, Any]] = table.to_pylist()
     return rows, facts
+
+
+def columns_from(path: Path) -> dict[str, list[float]]:
+    """Return the columns of numbers of a CSV file with a header, or of a Parquet file, by name.
+
+    Raises SolveError for a file that cannot be read as one, MethodError where pyarrow is not
+    installed and the file is Parquet.
+    """
+    try:
+        if path.suffix.lower() == ".parquet":
+            parquet = errors.load("pyarrow.parquet", "export", "a table in Parquet")
+            columns = parquet.read_table(path).to_pydict()
+        else:
+            with path.open(encoding="utf-8-sig", newline="") as file:
+                rows = list(csv.DictReader(file))
+            columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
+        return {str(name): [float(each) for each in column] for name, column in columns.items()}
+    except (OSError, TypeError, ValueError) as error:
+        raise SolveError(f"{path}: it is no table of numbers: {error}") from error

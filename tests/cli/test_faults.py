@@ -14,6 +14,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -655,7 +656,7 @@ def test_workers_import_nothing_from_the_current_folder(
     shadowed(tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
-    assert dict(results_of(operator.neg, [2], 1)) == {2: -2}
+    assert dict(results_of(operator.neg, deque([2]), 1)) == {2: -2}
     assert "PYTHONSAFEPATH" not in os.environ
 
 

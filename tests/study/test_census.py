@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -286,7 +287,7 @@ class Deadly:
 def test_a_worker_that_dies_costs_its_job_alone(
     tmp_path: Path, always: bool, lost: int | None
 ) -> None:
-    found = dict(results_of(Deadly(str(tmp_path), 1, always), range(4), 2))
+    found = dict(results_of(Deadly(str(tmp_path), 1, always), deque(range(4)), 2))
     assert found == {0: 0, 1: lost, 2: 4, 3: 9}
 
 

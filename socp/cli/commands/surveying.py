@@ -1,9 +1,9 @@
 """`socp census` and `socp frontier`: many solves of one problem, one table."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich import box
@@ -12,7 +12,7 @@ from rich.text import Text
 
 from socp.cli.commands.completing import problems
 from socp.cli.keeping import Place, keep
-from socp.cli.posing import load_posed, set_option, told, told_line
+from socp.cli.posing import Named, load_posed, set_option, told, told_line
 from socp.cli.progress import progress
 from socp.cli.session import (
     Exit,
@@ -26,25 +26,11 @@ from socp.cli.session import (
 )
 from socp.errors import KeepingError, SolveError
 from socp.process import signals_held
-from socp.registry import Registry
 from socp.view import small, switching_times, times
 
 if TYPE_CHECKING:
     from socp.model import Problem, Solution
     from socp.study import Census, Cluster, Frontier
-
-
-@final
-@dataclass(frozen=True)
-class Named:
-    """A problem by path or name, for worker processes, which load it themselves."""
-
-    given: str
-    changes: tuple[str, ...]
-
-    def __call__(self) -> "Problem":
-        """Load the problem."""
-        return load_posed(self.given, self.changes, Registry.load(only=()))
 
 
 def _output_options(command: Callable[..., int]) -> Callable[..., int]:

@@ -1,0 +1,228 @@
+"""A chain of a sweep walked by one worker: every point from the one before it, each judged."""
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from typing import Any, final
+
+import numpy as np
+
+from socp.errors import SocpError
+from socp.laws import independent
+from socp.model import Problem, Solution, Stop, from_json, rung_of, silent, to_json, view
+from socp.process import one_line, one_thread, said
+from socp.search import neighbour, spurious
+from socp.study.workers import asked
+from socp.verdict import judge, learn, with_second_order
+
+Load = Callable[[], Problem]
+_FAILURES = (SocpError, ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlgError)
+
+
+@final
+@dataclass(frozen=True)
+class Stated:
+    """A problem as source text, a statement in JSON, for workers, which read it themselves."""
+
+    text: str
+
+    def __call__(self) -> Problem:
+        """Read the problem."""
+        return Problem.from_statement(json.loads(self.text))
+
+
+@final
+@dataclass(frozen=True)
+class Near:
+    """What a point goes on from: the number of a point, its values by name, and its certified
+    solution as JSON, which is the same to the last bit wherever it has been.
+    """
+
+    point: int
+    values: Mapping[str, float]
+    solution: str
+
+
+@final
+@dataclass(frozen=True)
+class Job:
+    """A chain to be walked: the points' numbers and values by name, what the first goes on from,
+    and of which points the solutions are wanted.
+    """
+
+    number: int
+    points: tuple[tuple[int, Mapping[str, float]], ...]
+    near: Near | None
+    wanted: frozenset[int]
+
+
+@final
+@dataclass(frozen=True)
+class Walked:
+    """What came of a chain: its rows by point, what others go on from at the wanted ones, and whole
+    solutions as JSON where they are kept.
+    """
+
+    number: int
+    rows: dict[int, Mapping[str, Any]]
+    near: dict[int, Near | None]
+    results: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The same in JSON's kinds, without whole solutions."""
+        near = {k: None if each is None else asdict(each) for k, each in self.near.items()}
+        return {"rows": {str(k): dict(row) for k, row in self.rows.items()}, "near": near}
+
+    @classmethod
+    def from_data(cls, number: int, data: Mapping[str, Any]) -> "Walked":
+        """Return what `data` has written."""
+        near = {int(k): None if each is None else Near(**each) for k, each in data["near"].items()}
+        return cls(number, {int(k): row for k, row in data["rows"].items()}, near)
+
+
+@final
+@dataclass(frozen=True)
+class Task:
+    """A chain walked in a worker, which loads the problem itself; None where it was asked to stop.
+
+    `load`: how a worker comes by the problem; `fingerprint`: what it has to be known by there;
+    `method` and its options solve where no neighbour leads anywhere; `keep`: whole solutions are
+    wanted.
+    """
+
+    load: Load
+    fingerprint: str
+    method: str
+    options: Mapping[str, Any]
+    keep: bool = False
+
+    @one_thread()
+    def __call__(self, job: Job) -> Walked | None:
+        """Walk a chain."""
+        problem = _loaded(self.load)
+        if self.fingerprint and problem.fingerprint != self.fingerprint:
+            raise SocpError(f"{problem.name}: a worker has another problem of this name")
+        now = None if job.near is None else _Here.of(problem, job.near)
+        walked = Walked(job.number, {}, {}, {})
+        for number, values in job.points:
+            if asked():
+                return None
+            began = time.perf_counter()
+            found, start, message = self._solved(problem, values, now)
+            if found is not None and found.solution.extremal and found.solution.lawful:
+                now = found.at(number)
+            seconds = time.perf_counter() - began
+            walked.rows[number] = _row(found, start, message, seconds)
+            if number in job.wanted:
+                walked.near[number] = None if now is None else now.near
+            if self.keep and found is not None:
+                walked.results[number] = to_json(found.solution)
+        return walked
+
+    def _solved(
+        self, problem: Problem, values: Mapping[str, float], now: "_Here | None"
+    ) -> tuple["_Here | None", int, str]:
+        """Return what a point comes to, from which point it went on, -1 for none, and what there is
+        to say.
+        """
+        try:
+            posed = problem.with_(dict(values))
+            found = None if now is None else _next(posed, now)
+            if found is None:
+                guess = None if now is None else now.solution
+                found = view("solve")(posed, guess, self.method, watch=silent, **self.options)
+                if found.stop is Stop.INTERRUPTED:
+                    raise KeyboardInterrupt
+            here = _Here(posed, values, found)
+            return here, -1 if now is None else now.point, _said(found)
+        except _FAILURES as error:
+            return None, -1, one_line(f"{type(error).__name__}: {said(error)}")
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Here:
+    """A point that was solved: its problem, values and solution."""
+
+    problem: Problem
+    values: Mapping[str, float]
+    solution: Solution
+    point: int = -1
+
+    @classmethod
+    def of(cls, problem: Problem, near: Near) -> "_Here":
+        """Return what another chain has left."""
+        posed = problem.with_(dict(near.values))
+        return cls(posed, near.values, from_json(near.solution), near.point)
+
+    def at(self, number: int) -> "_Here":
+        """Return the same as the point of a number."""
+        return _Here(self.problem, self.values, self.solution, number)
+
+    @property
+    def near(self) -> Near:
+        """What other chains need of it."""
+        return Near(self.point, self.values, to_json(self.solution))
+
+
+def _next(problem: Problem, now: _Here) -> Solution | None:
+    """Return a certified solution next to that of a neighbour, by Newton along its word; None where
+    the word does not hold, or an arc is no longer than what is known of its ends.
+    """
+    posed = independent(problem)
+    learn(posed, now.solution)
+    found = neighbour(posed, now.solution, now.problem)
+    if found is None or spurious(found):
+        return None
+    if posed is not problem:
+        found = judge(problem, found)
+    return with_second_order(problem, found) if found.extremal else None
+
+
+def _said(solution: Solution) -> str:
+    """Return why a solution is not certified, empty where it is."""
+    if solution.extremal:
+        return ""
+    reasons = solution.verdict.reasons if solution.verdict else ()
+    return one_line("; ".join(reasons) or solution.message or solution.stop.value)
+
+
+def _row(found: _Here | None, start: int, message: str, seconds: float) -> dict[str, Any]:
+    """Return what the table says of a point besides its values."""
+    if found is None:
+        return nothing(message, seconds)
+    solution = found.solution
+    return {
+        "rung": rung_of(solution).value if solution.verdict else "",
+        "objective": _finite(solution.objective),
+        "final_time": _finite(solution.final_time),
+        "word": solution.word,
+        "switches": [float(t) for t in solution.junctions],
+        "start": start if start >= 0 else None,
+        "seconds": seconds,
+        "message": message,
+    }
+
+
+def nothing(message: str, seconds: float | None = None) -> dict[str, Any]:
+    """Return what the table says of a point that has no solution."""
+    empty: dict[str, Any] = {
+        "rung": "",
+        "objective": None,
+        "final_time": None,
+        "word": "",
+        "switches": [],
+    }
+    return {**empty, "start": None, "seconds": seconds, "message": message}
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+@cache
+def _loaded(load: Callable[[], Problem]) -> Problem:
+    return load()
