@@ -176,6 +176,7 @@ def test_the_core_stands_in_no_extra() -> None:
         "pandas",
         "pyomo",
         "pyscipopt",
+        "distributed",
     }
-    assert extras["all"] == ["socp[export,mip,plot,prove,record]"]
+    assert extras["all"] == ["socp[dask,export,mip,plot,prove,record]"]
     assert "socp[all]" in extras["dev"]

@@ -13,7 +13,7 @@ from ponds import POND
 from socp.errors import MethodError, ProblemError
 from socp.model import Progress, load
 from socp.study import Kept, Sweep, points, sweep
-from socp.study.sweeping.plan import planned
+from socp.study.sweeping.plan import planned, tree
 
 AT = points({"final_time": "1.2:2:5"})  # the level is met for 1.5 and longer
 
@@ -100,21 +100,27 @@ def test_chains_hold_every_point_once_and_begin_where_others_have_been(seed: int
     assert [chain.start for chain in chains].count(-1) == 1
 
 
-def test_on_a_grid_every_step_goes_to_a_neighbour() -> None:
+def test_on_a_grid_the_tree_goes_from_neighbour_to_neighbour() -> None:
     side = np.arange(7.0)
-    values = np.array([[a, 10 * b] for a in side for b in side])
-    for chain in planned(values, np.array([3.0, 30.0])):
-        path = values[list(chain.points)] / [1, 10]
-        steps = np.abs(np.diff(path, axis=0)).sum(axis=1)
-        assert (steps == 1).all()
+    values = np.array([[a, b] for a in side for b in side])
+    order, parents = tree(values, 24)
+    assert sorted(order) == list(range(49))
+    steps = [np.abs(values[k] - values[parents[k]]).sum() for k in order[1:]]
+    assert steps == [1.0] * 48
 
 
 def test_a_long_line_is_cut_for_several_workers() -> None:
     values = np.linspace(0, 1, 200)[:, None]
-    chains = planned(values, np.array([0.0]))
-    heads = {chain.points[0] for chain in chains}
-    assert len(chains) == 8
-    assert all(chain.start in heads | {-1} for chain in chains)
+    spine, *others = planned(values, np.array([0.0]))
+    assert spine.points == tuple(range(0, 200, 25))
+    assert [chain.start for chain in others] == list(spine.points)
+    assert [len(chain.points) for chain in others] == [24] * 8
+
+
+def test_no_piece_is_too_long_however_many_points_there_are() -> None:
+    chains = planned(np.linspace(0, 1, 5000)[:, None], np.array([0.5]))
+    assert max(len(chain.points) for chain in chains) <= 32
+    assert sum(len(chain.points) for chain in chains) == 5000
 
 
 # -- rows
@@ -182,8 +188,8 @@ def test_a_watch_ends_it_with_the_rows_so_far() -> None:
 
     found = sweep(POND, {"start.x": np.linspace(1, 1.2, 9)}, watch=see)
     assert found.interrupted
-    assert told == ["8 of 9 points, 8 certified"]
-    assert len(found.rows) == 8
+    assert told == ["2 of 9 points, 2 certified"]
+    assert len(found.rows) == 2
 
 
 def test_names_and_columns_are_checked_at_once() -> None:

@@ -5,6 +5,7 @@ on from a neighbour. The tree is cut into chains, pieces of work for one worker.
 on from depends on the points alone: neither on how many workers there are nor on their speed.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import final
 
@@ -12,7 +13,7 @@ import numpy as np
 
 _WHOLE = 8  # points that one worker walks at least: a piece of work is worth its hand-over
 # Points that one worker walks at most, and pieces that a long line is cut into, so that there is
-# work for several; every piece begins with a longer step than those inside it
+# work for several; the first points of pieces are further apart than those inside them
 _LONGEST, _PIECES = 32, 8
 
 
@@ -38,19 +39,28 @@ def planned(values: np.ndarray, near: np.ndarray) -> tuple[Chain, ...]:
     scale = np.where(spans > 0.0, spans, 1.0)
     scaled, here = values / scale, np.nan_to_num(near) / scale
     root = int(np.argmin(((scaled - here) ** 2).sum(axis=1)))
-    order, parents = _tree(scaled, root)
+    order, parents = tree(scaled, root)
     chains = list[Chain]()
     for path in _paths(order, parents):
-        length = len(path)
-        piece = min(max(-(-length // _PIECES), _WHOLE), _LONGEST)
-        start = parents[path[0]]
-        for k in range(0, length, piece):
-            chains.append(Chain(len(chains), tuple(path[k : k + piece]), start))
-            start = path[k]
+        for points, start in _cut(path, parents[path[0]]):
+            chains.append(Chain(len(chains), tuple(points), start))
     return tuple(chains)
 
 
-def _tree(scaled: np.ndarray, root: int) -> tuple[list[int], list[int]]:
+def _cut(path: list[int], start: int) -> Iterator[tuple[list[int], int]]:
+    """Yield a path in pieces, each with what it goes on from: a long one's first points of pieces
+    before the rest of these, which may be walked side by side then.
+    """
+    piece = min(max(-(-len(path) // _PIECES), _WHOLE), _LONGEST)
+    if len(path) <= piece:
+        yield path, start
+        return
+    yield from _cut(path[::piece], start)
+    for k in range(0, len(path) - 1, piece):
+        yield path[k + 1 : k + piece], path[k]
+
+
+def tree(scaled: np.ndarray, root: int) -> tuple[list[int], list[int]]:
     """Return points in the order in which a shortest tree grows from a root, and the parent of
     each, -1 of the root.
     """
