@@ -11,7 +11,9 @@ from .figures.draw import ENDINGS as ENDINGS
 from .figures.draw import check as check
 from .figures.draw import draw as draw
 from .figures.draw import to_bytes as to_bytes
+from .figures.maps import draw_sweep as draw_sweep
 from .ladder import top_text as top_text
+from .maps import sweep_to_xarray as sweep_to_xarray
 from .notebook import html as html
 from .outcomes import Outcome as Outcome
 from .outcomes import infeasible as infeasible

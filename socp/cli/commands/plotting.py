@@ -50,8 +50,9 @@ class Asked:
 @click.pass_obj
 def plot(session: Session, /, **given: Any) -> int:
     """Draw a figure of saved results: controls with their arcs, switching functions, states,
-    costates and the path; of the table of 'socp follow', objective and switching times over its
-    number.
+    costates and the path; of the table of 'socp follow', or of 'socp sweep' over one number,
+    objective and switching times over that number; of one over two, maps of the objective and of
+    the words.
 
     Of several results the others are drawn beside the first, in the same panels.
 
@@ -60,7 +61,16 @@ def plot(session: Session, /, **given: Any) -> int:
     inches they stand in one column.
     """
     from socp.process import write_atomic
-    from socp.view import DEFAULT, ENDINGS, check, draw, draw_branch, rows_from_parquet, to_bytes
+    from socp.view import (
+        DEFAULT,
+        ENDINGS,
+        check,
+        draw,
+        draw_branch,
+        draw_sweep,
+        rows_from_parquet,
+        to_bytes,
+    )
 
     asked = Asked(**given)
     if math.isnan(asked.width):
@@ -75,7 +85,8 @@ def plot(session: Session, /, **given: Any) -> int:
     first, *others = asked.results
     if first.endswith(".parquet"):
         rows, facts = rows_from_parquet(Path(first))
-        figure = draw_branch(rows, facts, width=asked.width)
+        drawn = draw_sweep if facts.get("kind") == "sweep" else draw_branch
+        figure = drawn(rows, facts, width=asked.width)
         write_atomic(path, to_bytes(figure, ending))
         session.tell(path)
         return Exit.SOLVED

@@ -14,7 +14,7 @@ import numpy as np
 
 from socp.errors import MethodError, ProblemError, SolveError
 from socp.methods import versions
-from socp.model import Problem, Progress, Watch, silent
+from socp.model import Problem, Progress, Watch, silent, view
 from socp.process import breakable, give_way, heard, signals_held, write_atomic
 from socp.study.store import Drawer, fingerprint
 from socp.study.sweeping.chain import Job, Load, Near, Stated, Task, Walked, nothing
@@ -50,6 +50,13 @@ class Sweep:
     def certified(self) -> int:
         """How many points are certified."""
         return sum(not row["message"] for row in self.rows)
+
+    def to_xarray(self) -> Any:
+        """Return the rows as an xarray.Dataset over the numbers, where they are on a grid, else
+        over the points; MethodError where xarray is not installed.
+        """
+        facts = {"names": list(self.names), "problem": self.problem, "wanted": self.wanted}
+        return view("sweep")(self.rows, facts)
 
 
 @final

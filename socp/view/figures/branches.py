@@ -1,7 +1,7 @@
 """Figures of a branch: objective and switching times over a number of the problem, by word."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import groupby, pairwise
 from typing import Any
 
 from socp import errors
@@ -28,29 +28,52 @@ def draw_branch(rows: Rows, facts: Mapping[str, Any], *, width: float) -> Any:
 
     Raises MethodError where matplotlib is not installed, SolveError for rows that are no branch.
     """
-    matplotlib = errors.load("matplotlib", "plot", "a figure")
-    figures = errors.load("matplotlib.figure", "plot", "a figure")
     if not rows or not all(row.keys() >= _COLUMNS for row in rows):
         raise SolveError("the table holds no branch: nothing is drawn")
+    events = [row["value"] for row in rows if row["event"]]
+    return _curves(list(_pieces(rows)), str(facts.get("name", "value")), events, width)
+
+
+def draw_curves(rows: Rows, name: str, *, width: float) -> Any:
+    """Return a matplotlib Figure of solutions at values `row[name]`: objective and switching times
+    over them, every word in a colour. Raises MethodError where matplotlib is not installed.
+    """
+    own = {"event": "", "time": float("nan")}
+    ordered = sorted(({**row, **own, "value": row[name]} for row in rows), key=_value)
+    pieces = [list(piece) for _, piece in groupby(ordered, key=lambda row: row["word"])]
+    return _curves(pieces, name, [], width)
+
+
+def _value(row: Mapping[str, Any]) -> float:
+    return float(row["value"])
+
+
+def _curves(pieces: Sequence[Rows], name: str, events: Sequence[float], width: float) -> Any:
+    """Draw pieces, each of one word, and events as lines."""
+    matplotlib = errors.load("matplotlib", "plot", "a figure")
+    figures = errors.load("matplotlib.figure", "plot", "a figure")
     with matplotlib.rc_context(style.SETTINGS):
         figure = figures.Figure(figsize=(width, 2 * _HEIGHT), layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True)
-        words = dict.fromkeys(row["word"] for row in rows if not row["event"])
-        colours = {word: _COLOURS[k % len(_COLOURS)] for k, word in enumerate(words)}
-        for piece in _pieces(rows):
-            word = next(row["word"] for row in piece if not row["event"])
+        words = [next(row["word"] for row in piece if not row["event"]) for piece in pieces]
+        colours = word_colours(words)
+        for word, piece in zip(words, pieces, strict=True):
             _drawn(above, below, piece, colours[word])
         for word, colour in colours.items():
             above.plot([], [], color=colour, label=style.plain(word))
-        for row in rows:
-            if row["event"]:
-                for axes in (above, below):
-                    axes.axvline(row["value"], color=style.FAINT, linewidth=style.THIN, zorder=0)
+        for value in events:
+            for axes in (above, below):
+                axes.axvline(value, color=style.FAINT, linewidth=style.THIN, zorder=0)
         above.set_ylabel("objective")
         below.set_ylabel("switching times")
-        below.set_xlabel(style.plain(str(facts.get("name", "value"))))
+        below.set_xlabel(style.plain(name))
         above.legend(frameon=False)
     return figure
+
+
+def word_colours(words: Iterable[str]) -> dict[str, str]:
+    """Return a colour for every word, in the order in which they come."""
+    return {word: _COLOURS[k % len(_COLOURS)] for k, word in enumerate(dict.fromkeys(words))}
 
 
 def _pieces(rows: Rows) -> Iterator[list[Mapping[str, Any]]]:
@@ -64,7 +87,7 @@ def _pieces(rows: Rows) -> Iterator[list[Mapping[str, Any]]]:
 
 def _drawn(above: Any, below: Any, piece: Rows, colour: str) -> None:
     """Draw objective and switching times of one word."""
-    look = {"color": colour, "linewidth": style.LINE}
+    look = {"color": colour, "linewidth": style.LINE, "marker": "" if piece[1:] else "."}
     values = [row["value"] for row in piece]
     above.plot(values, [row["objective"] for row in piece], **look)
     count = max(len(row["switches"]) for row in piece if not row["event"])
