@@ -547,6 +547,37 @@ def test_follow_writes_a_table_that_plot_draws(socp: Command) -> None:
     assert Path("d.svg").read_text().startswith("<?xml")
 
 
+def test_sweep_writes_a_table_that_plot_draws_and_goes_on_from(socp: Command) -> None:
+    Path("more.csv").write_text("end.x\n1\n1.1\n")
+    held = ("--set", "bounds.u.upper=1", "--quiet", "--json")
+    asked = ("double_integrator_time", "--from", "more.csv", *held, "-o", "s.parquet")
+    said = socp("sweep", *asked, "--keep", "whole")
+    assert said.code == 0
+    found = json.loads(said.out)
+    assert [row["end.x"] for row in found["rows"]] == [1.0, 1.1]
+    assert found["certified"] == 2
+    assert [row["start"] for row in found["rows"]] == [-1, 0]
+    assert socp("plot", "s.parquet").out == "s.svg\n"
+    assert socp("check", "whole/point-000001.socp.json", "--quiet").code == 0
+    again = json.loads(socp("sweep", *asked, "--keep", "whole").out)
+    assert again["rows"] == found["rows"]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("--set", "start.x=2"), "a sweep needs a number with several values"),
+        (("--set", "start.x=2:3"), "start.x=2:3: give lo:hi:n, or a distribution"),
+        (("--set", "start.x~normal(2,1)"), "start.x: say how many points are drawn"),
+        (("--from", "none.csv"), "none.csv: it is no table of numbers"),
+    ],
+)
+def test_what_cannot_be_swept_is_named(socp: Command, given: tuple[str, ...], said: str) -> None:
+    found = socp("sweep", "double_integrator_time", *given)
+    assert (found.code != 0, found.out) == (True, "")
+    assert found.err.startswith(f"error: {said}")
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
