@@ -558,7 +558,7 @@ def test_sweep_writes_a_table_that_plot_draws_and_goes_on_from(socp: Command) ->
     assert found["certified"] == 2
     assert [row["start"] for row in found["rows"]] == [-1, 0]
     assert socp("plot", "s.parquet").out == "s.svg\n"
-    assert socp("check", "whole/point-000001.socp.json", "--quiet").code == 0
+    assert socp("check", "whole/point-000001.socp.json").code == 0
     again = json.loads(socp("sweep", *asked, "--keep", "whole").out)
     assert again["rows"] == found["rows"]
 
