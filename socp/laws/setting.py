@@ -22,7 +22,7 @@ from socp.laws.brackets import (
     hamiltonian_value,
     switching_row,
 )
-from socp.model import Constraint, Expr, Problem, column
+from socp.model import Constraint, Expr, Problem, column, once
 
 DEEPEST = 12  # total derivatives tried before an order is called infinite
 
@@ -104,6 +104,17 @@ def tower(
     `given` (nu, 1) may put in known controls, so that the order is that for the others. Raises
     MethodError where no control appears.
     """
+    return _own_tower(problem, constraint) if given is None else _orders(problem, constraint, given)
+
+
+@once
+def _own_tower(problem: Problem, constraint: Constraint) -> tuple[list[Expr], Expr]:
+    return _orders(problem, constraint, None)
+
+
+def _orders(
+    problem: Problem, constraint: Constraint, given: Expr | None
+) -> tuple[list[Expr], Expr]:
     motion = flow(problem, problem.u if given is None else given)
     unknown = (
         problem.u

@@ -25,11 +25,13 @@ from .evaluation import mayer_function as mayer_function
 from .evaluation import mayer_slopes as mayer_slopes
 from .evaluation import numbers as numbers
 from .evaluation import objective_size as objective_size
+from .evaluation import of_ends as of_ends
 from .evaluation import once as once
 from .evaluation import parameters_of as parameters_of
 from .evaluation import rate_function as rate_function
 from .evaluation import running_function as running_function
 from .evaluation import scales as scales
+from .evaluation import share as share
 from .evaluation import shown_sizes as shown_sizes
 from .evaluation import sizes as sizes
 from .graph import AREA as AREA

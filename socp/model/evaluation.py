@@ -7,6 +7,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar, final
 import casadi
 import numpy as np
 
+from socp.errors import ProblemError
 from socp.model.parts import Constraint, EndCondition
 from socp.model.problem import Problem
 from socp.model.result.solution import Solution
@@ -16,6 +17,11 @@ from socp.model.tolerances import ROUNDED
 Owner = TypeVar("Owner")
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
+Work = TypeVar("Work", bound=Callable[..., Any])
+# of a statement: what problems that share their work may differ in
+_ENDS = {"start", "end", "initial_time", "final_time", "fingerprint", "name", "about", "formula"}
+# properties of a problem, and functions, that depend on these
+_OF_ENDS = {"start_box", "end_box", "initial_time_box", "final_time_box", "statement"}
 
 
 def once(
@@ -38,10 +44,42 @@ def once(
     return kept
 
 
+def of_ends(function: Work) -> Work:
+    """Decorate a function whose results for a problem, worked out `once` or `cached`, depend on its
+    ends: its start, end and times. They are not shared with problems of other ends.
+    """
+    _OF_ENDS.add(_place(function))
+    return function
+
+
+def share(known: Problem, other: Problem) -> bool:
+    """Let a problem have all that was worked out for one that is known, where they differ in start,
+    end and times alone; returns whether they do. What either works out later, both have.
+
+    It saves what a problem costs before anything is solved: laws, brackets and compiled functions.
+    """
+    try:
+        alike = all(
+            each == other.statement[name]
+            for name, each in known.statement.items()
+            if name not in _ENDS
+        )
+    except (ProblemError, KeyError):
+        return False
+    for name, value in vars(known).items() if alike else ():
+        if name not in known.__dataclass_fields__ and name not in _OF_ENDS:
+            vars(other)[name] = value
+    return alike
+
+
+def _place(function: Callable[..., Any]) -> str:
+    """Return the name under which a function's results stand beside an owner's properties."""
+    return f"{function.__module__}.{function.__qualname__}"
+
+
 def cached(owner: object, function: Callable[..., Found]) -> dict[tuple[Any, ...], Found]:
     """Return what a function worked out `once` for an owner, by the arguments after the owner."""
-    name = f"{function.__module__}.{function.__qualname__}"
-    known: dict[tuple[Any, ...], Found] = vars(owner).setdefault(name, {})
+    known: dict[tuple[Any, ...], Found] = vars(owner).setdefault(_place(function), {})
     return known
 
 

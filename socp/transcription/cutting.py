@@ -24,8 +24,8 @@ from socp.model import (
     parameters_of,
     time,
 )
-from socp.transcription.kinks import kinks
 from socp.transcription.mesh import Mesh, table, uniform
+from socp.transcription.motion import motion_of
 from socp.transcription.phases import Phase, PhasedProblem
 from socp.transcription.schemes import lgr
 
@@ -151,7 +151,7 @@ def _joints(
 def _crossings(looks: "_Looks") -> Iterator[_Joint]:
     """Yield where a kink of the dynamics changes sign."""
     problem = looks.phased.of
-    found = kinks(casadi.vertcat(*looks.phase.flow(problem)), looks.given)
+    found = motion_of(problem, looks.phase).kinks
     if not np.ptp([problem.initial_time_box, problem.final_time_box], axis=1).any():
         # those of time alone are knots
         others = casadi.vertcat(problem.x, problem.p)

@@ -3,7 +3,18 @@
 import casadi
 import numpy as np
 
-from socp.model import Expr, Problem, Solution, column, evaluate, fold, numbers, parameters_of, time
+from socp.model import (
+    Expr,
+    Problem,
+    Solution,
+    column,
+    evaluate,
+    fold,
+    numbers,
+    once,
+    parameters_of,
+    time,
+)
 from socp.transcription.branches import build, kink
 
 # Random points at which expressions are compared: in more dimensions chance makes none parallel
@@ -58,11 +69,19 @@ def _apart(expressions: list[Expr], given: Expr) -> list[Expr]:
 
 def smooth(problem: Problem, solution: Solution) -> bool:
     """Tell whether dynamics and running cost have no kink anywhere where a solution goes."""
-    given = [problem.x, problem.u, time, problem.p]
-    found = kinks(casadi.vertcat(problem.rate, problem.lagrangian), casadi.vertcat(*given))
-    if not found.numel():
+    function = _kinks(problem)
+    if not function.numel_out():
         return True
-    function = casadi.Function("kinks", given, [casadi.densify(found)])
     p = parameters_of(problem, solution)
     values = evaluate(function, solution.rows("x"), solution.rows("u"), solution.t, p)[0]
     return bool((values.min(axis=1) * values.max(axis=1) > 0.0).all())
+
+
+@once
+def _kinks(problem: Problem) -> casadi.Function:
+    """Return what vanishes at kinks of the dynamics or the running cost as a function of x, u, t,
+    p.
+    """
+    given = [problem.x, problem.u, time, problem.p]
+    found = kinks(casadi.vertcat(problem.rate, problem.lagrangian), casadi.vertcat(*given))
+    return casadi.Function("kinks", given, [casadi.densify(found)])

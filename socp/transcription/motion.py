@@ -13,6 +13,7 @@ import numpy as np
 
 from socp.model import Expr, Problem, cached, numbers, once, time
 from socp.transcription.dormand_prince import DOP853_STAGES
+from socp.transcription.kinks import kinks
 from socp.transcription.phases import Phase
 
 _END = 12  # the stage that is the end of a step
@@ -40,6 +41,12 @@ class Motion:
             at = y + h * _sum(row, slopes)
             slopes.append(motion(at[:-2], at[-1], problem.p))
         return casadi.Function("step", [y, h, problem.p], [y + h * _sum(last, slopes)])
+
+    @cached_property
+    def kinks(self) -> Expr:
+        """What vanishes (k, 1) where the rate, or the running cost, is not smooth."""
+        given = casadi.vertcat(self.problem.x, time, self.problem.p)
+        return kinks(casadi.vertcat(*self.phase.flow(self.problem)), given)
 
     @once
     def flow(self, steps: int) -> casadi.Function:

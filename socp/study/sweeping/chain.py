@@ -11,7 +11,7 @@ import numpy as np
 
 from socp.errors import SocpError
 from socp.laws import independent
-from socp.model import Problem, Solution, Stop, from_json, rung_of, silent, to_json, view
+from socp.model import Problem, Solution, Stop, from_json, rung_of, share, silent, to_json, view
 from socp.process import one_line, one_thread, said
 from socp.search import neighbour, spurious
 from socp.study.workers import asked
@@ -130,8 +130,12 @@ class Task:
         """
         try:
             posed = problem.with_(dict(values))
-            found = None if now is None else _next(posed, now)
+            found = None
+            if now is not None:
+                share(now.problem, posed)
+                found = _next(posed, now)
             if found is None:
+                posed = problem.with_(dict(values))  # what is searched for is derived anew
                 guess = None if now is None else now.solution
                 found = view("solve")(posed, guess, self.method, watch=silent, **self.options)
                 if found.stop is Stop.INTERRUPTED:

@@ -1,0 +1,109 @@
+"""How many certified solutions a second a sweep gives, against solving each cold, over 1 and 2
+workers and over dask, and whether its memory stays flat.
+
+Run as `python benchmarks/sweep.py`, or briefly with `--points 32 --cold 3 --memory 0`. Two sets:
+the vehicle's starts over x in 20..60, y in -5..5, and strengths of its current in 0.1..2. Wall
+seconds, of whole runs with their workers' start; ratios within one run hold on any machine that is
+otherwise idle.
+"""
+
+import argparse
+import os
+import resource
+import time
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import socp
+from socp import Problem, silent
+from socp.model import Progress
+from socp.registry import Registry
+from socp.study import Points, engine, points
+
+
+def sets(count: int) -> dict[str, Points]:
+    """Return the points of both sets, about so many each."""
+    rows = max(round(np.sqrt(count / 4)), 2)  # four times as wide as it is high
+    starts = points({"start.x": f"20:60:{count // rows}", "start.y": f"-5:5:{rows}"})
+    return {"starts": starts, "current": points({"current": f"0.1:2:{count}"})}
+
+
+def cold(problem: Problem, at: Points, count: int) -> tuple[float, int]:
+    """Return the seconds a point, each solved anew, over some of the points, and how many of these
+    were certified.
+    """
+    chosen = np.linspace(0, len(at) - 1, count).astype(int)
+    began, certified = time.perf_counter(), 0
+    for k in chosen:
+        posed = problem.with_(at.named(int(k)))
+        certified += bool(socp.solve(posed, watch=silent).extremal)
+    return (time.perf_counter() - began) / count, certified
+
+
+@contextmanager
+def workers(given: str) -> Iterator[int | Executor]:
+    """Yield processes, or two of dask's workers."""
+    with engine("local" if given == "dask" else int(given), 2) as hands:
+        yield hands.workers
+
+
+def measured(problem: Problem, at: Points, given: str) -> tuple[float, int, float]:
+    """Return the seconds of a sweep, how many points it certified, and the seconds of a point that
+    went on from a neighbour, in the middle.
+    """
+    began = time.perf_counter()
+    with workers(given) as hands:
+        found = socp.sweep(problem, at, workers=hands)
+    spent = time.perf_counter() - began
+    near = [row["seconds"] for row in found.rows if row["start"] >= 0]
+    return spent, found.certified, float(np.median(near))
+
+
+def memory(problem: Problem, count: int) -> Iterator[tuple[int, float]]:
+    """Yield how many points were solved in this process, and the most MiB that it has had then."""
+    seen: list[tuple[int, float]] = []
+
+    def see(now: Progress) -> bool:
+        seen.append((now.iteration, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024))
+        return False
+
+    socp.sweep(problem, sets(count)["starts"], watch=see)
+    yield from (seen[k] for k in np.linspace(0, len(seen) - 1, min(8, len(seen))).astype(int))
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--points", type=int, default=1000, help="of each set")
+    parser.add_argument("--cold", type=int, default=20, help="of these, solved cold")
+    parser.add_argument("--memory", type=int, default=5000, help="points; 0 for none")
+    parser.add_argument("--workers", nargs="*", default=["1", "2", "dask"])
+    asked = parser.parse_args()
+    problem = Registry.load().problem("auv")
+    head = ("set", "workers", "points", "certified", "s", "certified a second", "s a neighbour")
+    table = Table(*head, "times cold")
+    for name, at in sets(asked.points).items():
+        alone, sure = cold(problem, at, asked.cold)
+        table.add_row(name, "cold", str(asked.cold), str(sure), "", f"{1 / alone:.2f}", "", "1")
+        for given in asked.workers:
+            spent, certified, near = measured(problem, at, given)
+            rate = certified / spent
+            cells = str(len(at)), str(certified), f"{spent:.1f}", f"{rate:.2f}", f"{near:.3f}"
+            table.add_row(name, given, *cells, f"{rate * alone:.1f}")
+    Console().print(table)
+    if asked.memory:
+        table = Table("points", "MiB at most")
+        for count, size in memory(problem, asked.memory):
+            table.add_row(str(count), f"{size:.0f}")
+        Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
