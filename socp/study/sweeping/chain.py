@@ -133,7 +133,7 @@ class Task:
             found = None
             if now is not None:
                 share(now.problem, posed)
-                found = _next(posed, now)
+                found = _next(posed, now, inside=self.keep)
             if found is None:
                 posed = problem.with_(dict(values))  # what is searched for is derived anew
                 guess = None if now is None else now.solution
@@ -172,9 +172,10 @@ class _Here:
         return Near(self.point, self.values, to_json(self.solution))
 
 
-def _next(problem: Problem, now: _Here) -> Solution | None:
+def _next(problem: Problem, now: _Here, *, inside: bool) -> Solution | None:
     """Return a certified solution next to that of a neighbour, by Newton along its word; None where
-    the word does not hold, or an arc is no longer than what is known of its ends.
+    the word does not hold, or an arc is no longer than what is known of its ends. `inside`: what is
+    kept whole is looked at whole, which no rung depends on.
     """
     posed = independent(problem)
     learn(posed, now.solution)
@@ -183,7 +184,7 @@ def _next(problem: Problem, now: _Here) -> Solution | None:
         return None
     if posed is not problem:
         found = judge(problem, found)
-    return with_second_order(problem, found) if found.extremal else None
+    return with_second_order(problem, found, inside=inside) if found.extremal else None
 
 
 def _said(solution: Solution) -> str:

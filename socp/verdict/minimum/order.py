@@ -21,24 +21,27 @@ BANG_BANG = (
 
 
 @of_ends
-def second_order(problem: Problem, solution: Solution) -> SecondOrder:
+def second_order(problem: Problem, solution: Solution, *, inside: bool = True) -> SecondOrder:
     """Return what the second order says of a certified, judged solution.
 
     The objective is a function of arc lengths, times, parameters and free initial states along a
     word. Where its second variation on the directions that the end conditions leave free is
     positive definite, the extremal is a strict local minimum among the controls of the word; where
     the theorems of bang-bang controls apply, a strict strong one. Where an eigenvalue is negative,
-    a simulation has to show the lower objective before the extremal is called no minimum.
+    a simulation has to show the lower objective before the extremal is called no minimum. `inside`:
+    variations of a singular control itself are looked at too, on which no rung of the ladder
+    depends.
     """
     # a search asks before it returns what is asked again in the end
     known = cached(problem, second_order)
     modes = tuple(arc.modes for arc in solution.arcs)
-    key = (modes, solution.objective, solution.t.tobytes(), solution.rows("x").tobytes())
+    values = solution.objective, solution.t.tobytes(), solution.rows("x").tobytes()
+    key = (modes, inside, *values)
     if (found := known.get(key)) is None:
         known.clear()
         with np.errstate(all="ignore"):
             try:
-                found = _second_order(problem, solution)
+                found = _second_order(problem, solution, inside)
             except (np.linalg.LinAlgError, ArithmeticError) as error:
                 why = f"it could not be worked out: {error}"
                 found = SecondOrder(kind=Minimum.UNTESTED, limits=(why,))
@@ -57,13 +60,13 @@ def lower_sides(problem: Problem, solution: Solution) -> list[Solution]:
         return [each.solution for each in descents(problem, solution, pair)]
 
 
-def _second_order(problem: Problem, solution: Solution) -> SecondOrder:
+def _second_order(problem: Problem, solution: Solution, inside: bool) -> SecondOrder:
     pair = induced(problem, solution)
     if isinstance(pair, SecondOrder):
         return pair
     enough, needed = (pair.curvature(weak=weak) for weak in (False, True))
     if enough.positive:
-        return _minimum(problem, solution, pair, enough)
+        return _minimum(problem, solution, (pair, enough), inside=inside)
     if needed.negative:
         lower = next(descents(problem, solution, pair), None)
         if lower is not None:
@@ -71,13 +74,15 @@ def _second_order(problem: Problem, solution: Solution) -> SecondOrder:
     return SecondOrder(kind=Minimum.DEGENERATE, word=enough, limits=(_undecided(needed),))
 
 
-def with_second_order(problem: Problem, solution: Solution) -> Solution:
-    """Return a judged solution with what the second order says of it, where it is certified."""
+def with_second_order(problem: Problem, solution: Solution, *, inside: bool = True) -> Solution:
+    """Return a judged solution with what the second order says of it, where it is certified;
+    `inside` as above.
+    """
     verdict = solution.verdict
     if verdict is None or not verdict.extremal:
         return solution
     began = time.perf_counter()
-    verdict = replace(verdict, second_order=second_order(problem, solution))
+    verdict = replace(verdict, second_order=second_order(problem, solution, inside=inside))
     seconds = {"second order": time.perf_counter() - began}
     return solution.with_judgement(verdict=verdict).spent(**seconds)
 
@@ -92,8 +97,11 @@ def _undecided(found: Curvature) -> str:
     return "multipliers of limits at the ends are zero, and without these limits it may not be one"
 
 
-def _minimum(problem: Problem, solution: Solution, pair: Pair, found: Curvature) -> SecondOrder:
+def _minimum(
+    problem: Problem, solution: Solution, known: tuple[Pair, Curvature], *, inside: bool
+) -> SecondOrder:
     """Return the claim for a word whose second variation is positive definite."""
+    pair, found = known
     claim = SecondOrder(kind=Minimum.WORD, word=found)
     kinds = {mode.kind for arc in solution.arcs for mode in arc.modes}
     limits = [*_common(problem, solution, pair)]
@@ -103,7 +111,7 @@ def _minimum(problem: Problem, solution: Solution, pair: Pair, found: Curvature)
         claim = replace(claim, margin=min(margin for _, margin in strict))
         if not limits:
             return replace(claim, kind=Minimum.STRONG, theorem=BANG_BANG)
-    if "singular" in kinds:
+    if "singular" in kinds and inside:
         curvature, why = singular_curvature(problem, pair)
         claim = replace(claim, singular=curvature)
         limits.append(_of_singular(curvature, why, "boundary" in kinds))
