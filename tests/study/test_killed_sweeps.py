@@ -1,0 +1,70 @@
+"""A sweep that is killed again and again ends in the table that it would have ended in."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from ponds import POND
+
+from socp.study import points, sweep
+from socp.view import rows_from_parquet
+
+FILE = """
+from socp import Problem, constants, controls, states
+
+x = states("x")
+u = controls("u")
+level, rate = constants(level=0.25, rate=1)
+problem = Problem(
+    name="pond",
+    running=(x - level) ** 2,
+    dynamics={x: u},
+    bounds={u: (-rate, rate)},
+    start={x: 1},
+    end={x: 1},
+    final_time=4,
+)
+"""
+KILLS = 6  # of the command, and of one of its workers, in turn
+RANGE = "1.6:3.1:24"
+
+
+def same(rows: Any) -> list[dict[str, Any]]:
+    return [{k: v for k, v in row.items() if k != "seconds"} for row in rows]
+
+
+@pytest.mark.slow
+def test_killed_at_random_it_ends_in_the_same_table(tmp_path: Path) -> None:
+    (tmp_path / "pond.py").write_text(FILE)
+    words = ("sweep", "pond.py", "--set", f"final_time={RANGE}", "-j", "2", "--quiet")
+    command = [sys.executable, "-m", "socp.cli", *words]
+    random = np.random.default_rng(0)
+    for kill in range(KILLS):
+        process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL)
+        time.sleep(random.uniform(1.0, 12.0))
+        if kill % 2:
+            process.kill()
+            process.wait()
+        else:
+            _kill_a_child(process.pid)
+            process.send_signal(signal.SIGTERM)
+            process.wait(timeout=120)
+    assert subprocess.run(command, cwd=tmp_path, check=False, capture_output=True).returncode == 0
+    rows, facts = rows_from_parquet(tmp_path / "pond.sweep.parquet")
+    assert facts["certified"] == 24
+    assert same(rows) == same(sweep(POND, points({"final_time": RANGE})).rows)
+
+
+def _kill_a_child(pid: int) -> None:
+    listed = subprocess.run(
+        ["ps", "-o", "pid=", "--ppid", str(pid)], capture_output=True, text=True, check=False
+    )
+    children = [int(each) for each in listed.stdout.split()]
+    if children:
+        os.kill(children[-1], signal.SIGKILL)
