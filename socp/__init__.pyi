@@ -29,6 +29,7 @@ from .registry import hookimpl as hookimpl
 from .registry import solve as solve
 from .solvers import Backend as Backend
 from .solvers import Ipopt as Ipopt
+from .study import Kept as Kept
 from .study import follow as follow
 from .study import points as points
 from .study import sweep as sweep

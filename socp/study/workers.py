@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
+    CancelledError,
     Executor,
     Future,
     ProcessPoolExecutor,
@@ -79,7 +80,7 @@ def _outcome(future: Future[T]) -> T | None:
     """Return what a job came to, None where its worker died."""
     try:
         return future.result()
-    except BrokenExecutor:
+    except (BrokenExecutor, CancelledError):
         return None
     except Exception as error:
         if type(error).__module__.partition(".")[0] != _CLUSTER:

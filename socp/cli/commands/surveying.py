@@ -68,6 +68,7 @@ def _output_options(command: Callable[..., int]) -> Callable[..., int]:
     type=click.IntRange(1, 1024),
     help="Worker processes.",
 )
+@click.option("--dask", metavar="ADDRESS", help="Scheduler of dask, or 'local' for one of its own.")
 @_output_options
 @click.pass_obj
 def census(session: Session, /, **given: Any) -> int:
@@ -79,7 +80,7 @@ def census(session: Session, /, **given: Any) -> int:
     """
     from socp.methods import versions
     from socp.model import check_controls
-    from socp.study import Store, fingerprint, recipe, survey
+    from socp.study import Store, engine, fingerprint, recipe, survey
 
     session.quiet, starts = given["quiet"], given["starts"]
     named = Named(given["problem"], given["changes"])
@@ -87,8 +88,11 @@ def census(session: Session, /, **given: Any) -> int:
     check_controls(posed)
     path = writable(Path(given["out"]) if given["out"] else named_after(posed.name, ".socp.json"))
     store = Store(path.parent / named_after(posed.name, ".census"), fingerprint(posed, recipe()))
-    with progress(messages(), f"{posed.name}, census", quiet=session.quiet) as watch:
-        found = survey(posed, starts, store, watch, (given["jobs"], named))
+    with (
+        engine(given["dask"] or given["jobs"], given["jobs"]) as hands,
+        progress(messages(), f"{posed.name}, census", quiet=session.quiet) as watch,
+    ):
+        found = survey(posed, starts, store, watch, (hands.workers, named))
     with signals_held():
         best, place = found.best, None
         if best is not None:
