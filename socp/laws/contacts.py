@@ -12,7 +12,7 @@ import numpy as np
 from socp.errors import MethodError
 from socp.laws import probes
 from socp.laws.setting import tower
-from socp.model import Constraint, Kind, Mode, Modes, Problem, Word, column, once
+from socp.model import Constraint, Kind, Mode, Modes, Problem, Word, column, of_motion, once
 
 _SIGNS: dict[Kind | None, int] = {"lower": -1, "upper": 1}  # of the bounds that a control goes to
 
@@ -29,6 +29,7 @@ class Tie:
     end: int
 
 
+@of_motion
 @once
 def controlled_constraints(problem: Problem, control: int) -> tuple[Constraint, ...]:
     """Return the state constraints on which a control acts: those whose first controlled derivative
@@ -99,6 +100,7 @@ def _fits(
     return bool((before or after) and before * (-1) ** order <= 0 and after <= 0)
 
 
+@of_motion
 @once
 def _push(problem: Problem, constraint: Constraint, i: int) -> tuple[int, int]:
     """Return the order q of a constraint and the sign with which control i enters c^(q), 0 where it

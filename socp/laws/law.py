@@ -11,7 +11,7 @@ import casadi
 from socp.errors import MethodError
 from socp.laws.principle import ArcPrinciple, arc, extremal_arc, setting_of
 from socp.laws.setting import Setting, contact, homogeneous, tower
-from socp.model import Constraint, Expr, Mode, Modes, Problem, column, once
+from socp.model import Constraint, Expr, Mode, Modes, Problem, column, of_motion, once
 
 
 @final
@@ -38,6 +38,7 @@ class ArcLaw:
         return self.costate_rate is not None
 
 
+@of_motion
 @once
 def arc_law(problem: Problem, modes: Modes) -> ArcLaw:
     """Return the control law of an arc: given by the problem where it gives one, derived otherwise.

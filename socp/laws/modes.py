@@ -10,7 +10,7 @@ import numpy as np
 from socp.errors import MethodError
 from socp.laws.contacts import controlled_constraints
 from socp.laws.law import arc_law
-from socp.model import Mode, Modes, Problem, evaluate, once, time
+from socp.model import Mode, Modes, Problem, evaluate, of_motion, once, time
 
 _BANGS = (Mode("lower"), Mode("upper"))
 
@@ -58,6 +58,7 @@ def law_values(
     return evaluate(_law_function(problem, modes), x, given, t, p)[0]
 
 
+@of_motion
 @once
 def _law_function(problem: Problem, modes: Modes) -> casadi.Function:
     symbols = [problem.x, problem.costate, time, problem.p]
@@ -65,6 +66,7 @@ def _law_function(problem: Problem, modes: Modes) -> casadi.Function:
     return casadi.Function("law", symbols, [casadi.densify(control)])
 
 
+@of_motion
 @once
 def feedback_function(problem: Problem, modes: Modes) -> casadi.Function:
     """Return the control of an arc whose law needs no costate as a function of x, t, p.

@@ -17,7 +17,7 @@ from socp.laws.brackets import extended_costate
 from socp.laws.contacts import constraint_of
 from socp.laws.setting import Contact, Setting, contact, equations
 from socp.laws.singular import Derivatives, derivatives, matrix_of
-from socp.model import Expr, Mode, Modes, Problem, cached, column, once
+from socp.model import Expr, Mode, Modes, Problem, cached, column, of_motion, once
 from socp.process import in_time
 
 # Times what was spent on a law in vain: with less time than that there is no use in beginning anew
@@ -128,12 +128,14 @@ def forget_derivation(problem: Problem) -> None:
         del known[key]
 
 
+@of_motion
 @once
 def _spent(_problem: Problem) -> dict[tuple[Modes, bool], float]:
     """Return the seconds that went into laws which were not found in time, by arc."""
     return {}
 
 
+@of_motion
 @once
 def _found(problem: Problem, modes: Modes, constant: bool) -> ArcPrinciple | MethodError:
     spent, began = _spent(problem), time.monotonic()

@@ -8,7 +8,7 @@ import casadi
 import numpy as np
 
 from socp.laws.drawing import guessed_ends, reachable_points
-from socp.model import TINY, Expr, Problem, numbers, once, time
+from socp.model import TINY, Expr, Problem, numbers, of_motion, once, time
 
 COUNT = 24  # points; a false "zero" would need chance to strike at most of them
 # Points where COUNT of them are too few: what is looked for may lie in a corner of the states
@@ -60,6 +60,7 @@ def evaluator(problem: Problem, *expressions: Expr) -> Evaluate:
     return evaluate
 
 
+@of_motion
 @once
 def spread(problem: Problem) -> np.ndarray:
     """Return how much every symbol (nv,) varies over the admissible points; where it does not, a
@@ -78,7 +79,7 @@ def admissible(problem: Problem, count: int = COUNT) -> np.ndarray:
     return _reached(problem, count).copy()
 
 
-_reached = once(reachable_points)
+_reached = of_motion(once(reachable_points))
 
 
 def scattered_points(problem: Problem) -> np.ndarray:
@@ -111,6 +112,7 @@ def noted_points(problem: Problem) -> tuple[np.ndarray, ...]:
     return tuple(reversed(_noted(problem)))
 
 
+@of_motion
 @once
 def _noted(_problem: Problem) -> list[np.ndarray]:
     return []

@@ -22,7 +22,7 @@ from socp.laws.brackets import (
     hamiltonian_value,
     switching_row,
 )
-from socp.model import Constraint, Expr, Problem, column, once
+from socp.model import Constraint, Expr, Problem, column, of_motion, once
 
 DEEPEST = 12  # total derivatives tried before an order is called infinite
 
@@ -107,6 +107,7 @@ def tower(
     return _own_tower(problem, constraint) if given is None else _orders(problem, constraint, given)
 
 
+@of_motion
 @once
 def _own_tower(problem: Problem, constraint: Constraint) -> tuple[list[Expr], Expr]:
     return _orders(problem, constraint, None)

@@ -25,7 +25,7 @@ from .evaluation import mayer_function as mayer_function
 from .evaluation import mayer_slopes as mayer_slopes
 from .evaluation import numbers as numbers
 from .evaluation import objective_size as objective_size
-from .evaluation import of_ends as of_ends
+from .evaluation import of_motion as of_motion
 from .evaluation import once as once
 from .evaluation import parameters_of as parameters_of
 from .evaluation import rate_function as rate_function

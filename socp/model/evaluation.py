@@ -20,8 +20,12 @@ Found = TypeVar("Found")
 Work = TypeVar("Work", bound=Callable[..., Any])
 # of a statement: what problems that share their work may differ in
 _ENDS = {"start", "end", "initial_time", "final_time", "fingerprint", "name", "about", "formula"}
-# properties of a problem, and functions, that depend on these
-_OF_ENDS = {"start_box", "end_box", "initial_time_box", "final_time_box", "statement"}
+# properties of a problem, and functions, that these do not change
+_OF_MOTION = {
+    *("x", "u", "p", "x0", "costate", "state_names", "control_names", "parameter_names"),
+    *("rate", "fields", "drift", "lagrangian", "mayer", "hamiltonian", "switching"),
+    *("box", "state_box", "parameter_box", "constraints", "conditions"),
+}
 
 
 def once(
@@ -44,11 +48,11 @@ def once(
     return kept
 
 
-def of_ends(function: Work) -> Work:
-    """Decorate a function whose results for a problem, worked out `once` or `cached`, depend on its
-    ends: its start, end and times. They are not shared with problems of other ends.
+def of_motion(function: Work) -> Work:
+    """Decorate a function whose results for a problem, worked out `once` or `cached`, hold for any
+    other of the same motion: of the same dynamics, costs, bounds, constraints and conditions.
     """
-    _OF_ENDS.add(_place(function))
+    _OF_MOTION.add(_place(function))
     return function
 
 
@@ -67,7 +71,7 @@ def share(known: Problem, other: Problem) -> bool:
     except (ProblemError, KeyError):
         return False
     for name, value in vars(known).items() if alike else ():
-        if name not in known.__dataclass_fields__ and name not in _OF_ENDS:
+        if name in _OF_MOTION:
             vars(other)[name] = value
     return alike
 
@@ -98,24 +102,28 @@ def end_values(problem: Problem, solution: Solution) -> list[Any]:
     return [last, first, parameters_of(problem, solution), *times]
 
 
+@of_motion
 @once
 def mayer_function(problem: Problem) -> casadi.Function:
     """Return the Mayer term as a function of the symbols of the ends."""
     return casadi.Function("mayer", end_symbols(problem), [problem.mayer])
 
 
+@of_motion
 @once
 def mayer_slopes(problem: Problem) -> casadi.Function:
     """Return the slopes of the Mayer term, one a symbol of the ends, as a function of these."""
     return _slopes(problem, problem.mayer)
 
 
+@of_motion
 @once
 def condition_function(problem: Problem, condition: EndCondition) -> casadi.Function:
     """Return an end condition as a function of the symbols of the ends."""
     return casadi.Function("psi", end_symbols(problem), [condition.expression])
 
 
+@of_motion
 @once
 def condition_slopes(problem: Problem, condition: EndCondition) -> casadi.Function:
     """Return the slopes of an end condition, one a symbol of the ends, as a function of these."""
@@ -128,18 +136,21 @@ def _slopes(problem: Problem, expression: Expr) -> casadi.Function:
     return casadi.Function("slopes", symbols, slopes)
 
 
+@of_motion
 @once
 def rate_function(problem: Problem) -> casadi.Function:
     """Return the rate as a function of x, u, t, p."""
     return casadi.Function("rate", [problem.x, problem.u, time, problem.p], [problem.rate])
 
 
+@of_motion
 @once
 def running_function(problem: Problem) -> casadi.Function:
     """Return the running cost as a function of x, u, t, p."""
     return casadi.Function("running", [problem.x, problem.u, time, problem.p], [problem.lagrangian])
 
 
+@of_motion
 @once
 def constraint_function(problem: Problem, constraint: Constraint) -> casadi.Function:
     """Return a state constraint as a function of x, t, p."""

@@ -11,6 +11,7 @@ from socp.model import (
     evaluate,
     fold,
     numbers,
+    of_motion,
     once,
     parameters_of,
     time,
@@ -77,6 +78,7 @@ def smooth(problem: Problem, solution: Solution) -> bool:
     return bool((values.min(axis=1) * values.max(axis=1) > 0.0).all())
 
 
+@of_motion
 @once
 def _kinks(problem: Problem) -> casadi.Function:
     """Return what vanishes at kinks of the dynamics or the running cost as a function of x, u, t,

@@ -11,7 +11,7 @@ from itertools import pairwise
 import casadi
 import numpy as np
 
-from socp.model import SAME_TIME, Arc, Problem, Solution, column, numbers, of_ends, once, time
+from socp.model import SAME_TIME, Arc, Problem, Solution, column, numbers, once, time
 from socp.transcription.branches import decided
 from socp.transcription.cutting import part
 from socp.transcription.kinks import kinks
@@ -27,7 +27,6 @@ _LOOKS = 5000
 _MORE = 4
 
 
-@of_ends
 @once
 def knot_times(problem: Problem) -> tuple[float, ...]:
     """Return the times inside a fixed horizon at which the dynamics, the running cost or a state

@@ -11,7 +11,7 @@ from typing import Any, final
 import casadi
 import numpy as np
 
-from socp.model import Expr, Problem, cached, numbers, once, time
+from socp.model import Expr, Problem, cached, numbers, of_motion, once, time
 from socp.transcription.dormand_prince import DOP853_STAGES
 from socp.transcription.kinks import kinks
 from socp.transcription.phases import Phase
@@ -146,6 +146,7 @@ class Sweep:
         return bent
 
 
+@of_motion
 def motion_of(problem: Problem, phase: Phase) -> Motion:
     """Return the motion along a phase's law; phases of one law share it."""
     known = cached(problem, motion_of)

@@ -9,7 +9,7 @@ import casadi
 import numpy as np
 
 from socp import laws
-from socp.model import Expr, Mode, Modes, Problem, Word, column, once, time
+from socp.model import Expr, Mode, Modes, Problem, Word, column, of_motion, once, time
 from socp.transcription.branches import decided
 
 _ROUNDING = 1e-12  # of the start's values: what an entry condition leaves there that they meet
@@ -100,6 +100,7 @@ class Phase:
         return rate, running
 
 
+@of_motion
 @once
 def _at(problem: Problem, when: float) -> tuple[Expr, Expr]:
     """Return the rate of the states and the running cost as they are between the knots around a

@@ -26,6 +26,7 @@ from socp.model import (
     fast,
     lagrange,
     numbers,
+    of_motion,
     once,
     parameters_of,
     running_function,
@@ -129,6 +130,7 @@ def _polynomial(times: np.ndarray, values: np.ndarray) -> Plan:
     return plan
 
 
+@of_motion
 @once
 def _open_flow(problem: Problem) -> casadi.Function:
     """Return the rates of the states and the running cost as a function of x, u, t, p."""
@@ -136,6 +138,7 @@ def _open_flow(problem: Problem) -> casadi.Function:
     return casadi.Function("flow", [problem.x, problem.u, time, problem.p], [rates])
 
 
+@of_motion
 @once
 def _closed_flow(problem: Problem, modes: Modes) -> casadi.Function:
     """Return the same under the feedback of an arc as a function of x, u (0,), t, p."""

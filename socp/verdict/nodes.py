@@ -19,6 +19,7 @@ from socp.model import (
     column,
     evaluate,
     legendre_coefficients,
+    of_motion,
     once,
     parameters_of,
     time,
@@ -132,6 +133,7 @@ def values_at(
     return found
 
 
+@of_motion
 @once
 def _functions(problem: Problem) -> casadi.Function:
     symbols = [problem.x, problem.u, time, problem.p]
@@ -139,6 +141,7 @@ def _functions(problem: Problem) -> casadi.Function:
     return casadi.Function("along", symbols, dense)
 
 
+@of_motion
 @once
 def _named(problem: Problem) -> dict[str, Expr]:
     x, u, p = problem.x, problem.u, problem.p

@@ -24,6 +24,7 @@ from socp.model import (
     magnitude,
     mayer_function,
     numbers,
+    of_motion,
     once,
     parameters_of,
     running_function,
@@ -88,6 +89,7 @@ def path_miss(
     return max(float(relative[worst]), 0.0), problem.constraints[worst].name
 
 
+@of_motion
 @once
 def _constraints(problem: Problem) -> casadi.Function:
     """Return the state constraints and their slopes in the states as a function of x, t, p."""

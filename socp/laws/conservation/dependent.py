@@ -23,7 +23,6 @@ from socp.model import (
     column,
     end_symbols,
     numbers,
-    of_ends,
     once,
     shown_sizes,
     time,
@@ -36,7 +35,6 @@ _EXACT = 1e-9  # of sizes: an implied value as near to zero is zero
 _IMPLIED = 2  # times that implied values may imply others
 
 
-@of_ends
 @once
 def completed(problem: Problem) -> Problem:
     """Return the problem with the end values that its end conditions imply by what motions
@@ -53,7 +51,6 @@ def completed(problem: Problem) -> Problem:
     return problem
 
 
-@of_ends
 @once
 def independent(problem: Problem) -> Problem:
     """Return the problem without end values that follow from others by what motions conserve;

@@ -4,7 +4,7 @@ import casadi
 import numpy as np
 
 from socp.laws import probes
-from socp.model import TINY, Expr, Problem, numbers, once, time
+from socp.model import TINY, Expr, Problem, numbers, of_motion, once, time
 
 # Monomials beyond which products of the states are left out: their number grows with the square of
 # the states', the work with its cube
@@ -15,6 +15,7 @@ _MORE = 1.5  # rows over unknowns: with as many chance would make some of them d
 _ROUNDING = 1e-9
 
 
+@of_motion
 @once
 def conserved(problem: Problem) -> tuple[Expr, ...]:
     """Return independent polynomials of degree two at most in x and t that are constant along every

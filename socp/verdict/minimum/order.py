@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from socp.model import Curvature, Minimum, Problem, SecondOrder, Solution, cached, of_ends
+from socp.model import Curvature, Minimum, Problem, SecondOrder, Solution, cached
 from socp.transcription import smooth
 from socp.verdict.minimum.descent import descents
 from socp.verdict.minimum.goh import singular_curvature
@@ -20,7 +20,6 @@ BANG_BANG = (
 )
 
 
-@of_ends
 def second_order(problem: Problem, solution: Solution, *, inside: bool = True) -> SecondOrder:
     """Return what the second order says of a certified, judged solution.
 
