@@ -16,6 +16,7 @@ CORE = ("solve double_integrator_time --quiet", "check double_integrator_time.so
 # commands that need more than the core, and the extra that brings it
 MISSING = {
     "plot double_integrator_time.socp.json": "plot",
+    "report double_integrator_time.socp.json": "report",
     "export double_integrator_time.socp.json --format parquet": "export",
     "export double_integrator_time.socp.json --format netcdf": "export",
     "export double_integrator_time --format nl": "mip",

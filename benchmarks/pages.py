@@ -1,7 +1,8 @@
-"""Look at the built site in headless Chromium: no page may be wider than its window.
+"""Look at pages in headless Chromium: none may be wider than its window, or ask another server.
 
-`python benchmarks/pages.py SITE [SHOTS]` opens every page of a folder that `mkdocs build` made at
-three widths, measures `scrollWidth`, and writes a picture of each into a folder where one is named.
+`python benchmarks/pages.py FOLDER [SHOTS]` opens every page of a folder, as `mkdocs build` or
+`socp report` made it, at three widths, measures `scrollWidth`, counts what it loads from elsewhere,
+and writes a picture of each into a folder where one is named.
 It needs `chromium` on PATH and the package websocket-client, which socp itself does not.
 """
 
@@ -25,6 +26,11 @@ import websocket
 WIDTHS = (1440, 800, 400)
 FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--remote-allow-origins=*")
 _PORT, _PATIENCE, _STEP = 9333, 30.0, 0.1  # seconds
+
+_STRANGERS = (
+    "performance.getEntriesByType('resource').map(each => each.name)"
+    ".filter(name => !name.startsWith(location.origin)).join(' ')"
+)
 
 
 class Quiet(SimpleHTTPRequestHandler):
@@ -84,30 +90,46 @@ def browser() -> Iterator[Page]:
         process.terminate()
 
 
+def looked(page: Page, path: str, port: int, width: int) -> Iterator[str]:
+    """Open a page; yield what is wrong with it."""
+    page("Page.navigate", url=f"http://127.0.0.1:{port}/{path}")
+    time.sleep(_STEP)
+    waited(lambda: page.value("document.readyState") == "complete")
+    seen = page.value("document.documentElement.scrollWidth")
+    if seen > width:
+        yield f"{path} at {width}: {seen} wide"
+    strangers = page.value(_STRANGERS)
+    if strangers:
+        yield f"{path}: asks {strangers}"
+
+
+def picture(page: Page) -> bytes:
+    """Return a page from top to bottom as PNG."""
+    size = page("Page.getLayoutMetrics")["cssContentSize"]
+    clip = {**size, "scale": 1.0}
+    shot = page("Page.captureScreenshot", captureBeyondViewport=True, clip=clip)
+    return base64.b64decode(shot["data"])
+
+
 def main() -> None:
     """Measure every page at every width."""
     site, shots = Path(sys.argv[1]), Path(sys.argv[2]) if len(sys.argv) > 2 else None
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(site)))
     Thread(target=server.serve_forever, daemon=True).start()
-    paths = sorted(str(each.parent.relative_to(site)) for each in site.rglob("index.html"))
-    wide = []
+    paths = sorted(str(each.relative_to(site)) for each in site.rglob("*.html"))
+    wrong = []
     with browser() as page:
         for width in WIDTHS:
             size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
             page("Emulation.setDeviceMetricsOverride", **size)
             for path in paths:
-                page("Page.navigate", url=f"http://127.0.0.1:{server.server_port}/{path}/")
-                time.sleep(_STEP)
-                waited(lambda: page.value("document.readyState") == "complete")
-                seen = page.value("document.documentElement.scrollWidth")
-                if seen > width:
-                    wide.append(f"{path} at {width}: {seen}")
+                wrong += looked(page, path, server.server_port, width)
                 if shots is not None:
                     shots.mkdir(parents=True, exist_ok=True)
-                    data = base64.b64decode(page("Page.captureScreenshot")["data"])
-                    (shots / f"{path.replace('/', '-')}-{width}.png").write_bytes(data)
-    print(f"{len(paths)} pages at {len(WIDTHS)} widths, too wide: {wide or 'none'}")
-    raise SystemExit(bool(wide))
+                    name = path.removesuffix(".html").removesuffix("/index").replace("/", "-")
+                    (shots / f"{name}-{width}.png").write_bytes(picture(page))
+    print(f"{len(paths)} pages at {len(WIDTHS)} widths; wrong: {wrong or 'nothing'}")
+    raise SystemExit(bool(wrong))
 
 
 if __name__ == "__main__":

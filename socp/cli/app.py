@@ -37,6 +37,7 @@ Examples:
   socp solve auv -m lgr-multiphase -o points=20 -o ipopt.tol=1e-10
   socp check auv.socp.json
   socp plot auv.socp.json -o auv.pdf
+  socp report auv.socp.json -o auv.html
   socp compare auv -m euler-ipopt -m trapezoidal -o steps=400
 """
 
@@ -62,6 +63,7 @@ _COMMANDS: Mapping[str, tuple[str, str]] = {
         "Write a saved result, or a problem, in the format of another program.",
     ),
     "plot": ("plotting", "Draw a figure of a saved result."),
+    "report": ("reporting", "Write a saved result as a page with plots that can be zoomed."),
     "record": ("recording", "Record a saved result for rerun's viewer."),
     "view": ("recording", "Open a recording or a saved result in rerun's viewer."),
     "describe": ("describing", "Describe a method or a problem."),

@@ -41,6 +41,7 @@ from .recording.plane import ground as ground
 from .recording.plane import scale as scale
 from .recording.plane import together as together
 from .recording.summary import comparison as comparison
+from .reference import to_reference as to_reference
 from .report import Line as Line
 from .report import Row as Row
 from .report import Tone as Tone
@@ -49,7 +50,6 @@ from .report import solution_rows as solution_rows
 from .report import stated_error as stated_error
 from .report import switching_times as switching_times
 from .report import times as times
-from .report import to_reference as to_reference
 from .report import verdict_rows as verdict_rows
 from .statement import formula as formula
 from .statement import notes as notes
@@ -57,3 +57,4 @@ from .statement import statement_rows as statement_rows
 from .tables import columns_from as columns_from
 from .tables import rows_from_parquet as rows_from_parquet
 from .tables import rows_to_parquet as rows_to_parquet
+from .web.document import to_page as to_page

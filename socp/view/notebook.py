@@ -28,14 +28,14 @@ def html(thing: object) -> str:
 @html.register
 def solution_html(solution: Solution) -> str:
     """Return a solution as HTML: what its report says, and a figure if matplotlib is there."""
-    said = _framed(solution.problem, "", _cells(solution_rows(known_problem(solution), solution)))
-    return said + _table(ladder_table(solution)) + _figure(solution)
+    said = framed(solution.problem, "", cells(solution_rows(known_problem(solution), solution)))
+    return said + tabulated(ladder_table(solution)) + _figure(solution)
 
 
 @html.register
 def verdict_html(verdict: Verdict) -> str:
     """Return a verdict as HTML: its answers, then a condition a row."""
-    return _framed("", "", _cells(verdict_rows(verdict))) + _table(conditions(verdict))
+    return framed("", "", cells(verdict_rows(verdict))) + tabulated(conditions(verdict))
 
 
 @html.register
@@ -46,10 +46,10 @@ def problem_html(problem: Problem) -> str:
     lines = [(label, f"<code>{_text(text)}</code>") for label, text in statement_rows(problem)]
     lines += [(label, _text(text)) for label, text in notes(problem)]
     lines += [("source", _text(problem.source))] if problem.source else []
-    return _framed(problem.name, problem.title, lines)
+    return framed(problem.name, problem.title, lines)
 
 
-def _cells(rows: Iterable[Row]) -> Iterator[Cell]:
+def cells(rows: Iterable[Row]) -> Iterator[Cell]:
     """Yield a label and HTML for every line of a report."""
     for row in rows:
         for line in row.lines:
@@ -61,7 +61,7 @@ def _coloured(text: str, tone: Tone) -> str:
     return f'<span style="color:{colour}">{_text(text)}</span>' if colour else _text(text)
 
 
-def _table(rows: Iterable[Iterable[str]]) -> str:
+def tabulated(rows: Iterable[Iterable[str]]) -> str:
     """Return rows as a table, heads first, nothing where there are none."""
     lines = "".join(_line("td" if k else "th", row) for k, row in enumerate(rows))
     return f"<table>{lines}</table>" if lines else ""
@@ -84,7 +84,7 @@ def _figure(solution: "Solution") -> str:
     return f'<div style="max-width:44em;background:white">{svg[svg.index("<svg") :]}</div>'
 
 
-def _framed(name: str, title: str, rows: Iterable[Cell]) -> str:
+def framed(name: str, title: str, rows: Iterable[Cell]) -> str:
     """Return a heading and a table of rows, a label only where it changes."""
     heading = f"<b>{_text(name)}</b> {_text(title)}" if name else ""
     return f"<div>{heading}<table>{''.join(_lines(rows))}</table></div>"

@@ -4,17 +4,16 @@ The terminal, notebooks and recordings render these rows and add nothing to thei
 """
 
 import math
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, final
 
-from socp.errors import MethodError
 from socp.model import APPROXIMATE, EXTREMAL, FEASIBLE
-from socp.view.errors import signed_error, small, switch_error
+from socp.view.errors import small, switch_error
 from socp.view.ladder import minimum_line, order_lines, rung_texts, starts_lines, top_text
 from socp.view.outcomes import Outcome, infeasible, outcome_of
+from socp.view.reference import reference_lines
 
 if TYPE_CHECKING:  # `socp --help` loads this module, and casadi is not worth it there
     from socp.model import Feasibility, Grade, Problem, Solution, Verdict
@@ -71,7 +70,7 @@ def solution_rows(
     if solution.verdict is not None:
         rows.append(Row("verdict", tuple(_judged(solution.verdict, _TOLD))))
     if problem is not None and not infeasible(solution):
-        rows.append(_row("reference", _reference(to_reference(problem, solution))))
+        rows.append(_row("reference", reference_lines(problem, solution)))
     rows.append(_row("starts", starts_lines(solution.starts)))
     rows.append(_row("iterations", [str(solution.effort.iterations)]))
     parts = " + ".join(f"{name} {value:.2f}" for name, value in solution.seconds.items())
@@ -168,27 +167,6 @@ def times(values: Sequence[float], digits: int = 12) -> str:
     return "  ".join(f"{value:.{digits}g}" for value in values) or "none"
 
 
-def to_reference(problem: "Problem", solution: "Solution") -> dict[str, Any] | None:
-    """Return the errors to the reference of a problem, None where it has none.
-
-    The error of the switching times is the largest, None where there are more or fewer than in the
-    reference.
-    """
-    reference = problem.reference
-    if reference is None:
-        return None
-    pairs = list(zip(reference.switches, solution.switches, strict=False))
-    comparable = pairs and len(reference.switches) == len(solution.switches)
-    return {
-        "objective": reference.objective,
-        "error": solution.told - reference.objective,
-        "switches": max(abs(a - b) for a, b in pairs) if comparable else None,
-        "word": _same_word(problem, solution),
-        "tolerance": reference.tolerance,
-        "source": reference.source,
-    }
-
-
 def agreed_digits(solution: "Solution") -> list[str]:
     """Return the digits on which two computations of a solution agree, nothing where there was one
     alone.
@@ -250,7 +228,7 @@ def _point(problem: "Problem | None", solution: "Solution") -> Iterator[Row]:
     if infeasible(solution):
         yield _row("word", ["none: the point is infeasible"])
         return
-    yield _row("word", (f"{name}: {_modes(row)}" for name, row in solution.structure.items()))
+    yield _row("word", words(solution))
     yield _row(
         "switches", (f"{name}: {times(each)}" for name, each in switching_times(solution).items())
     )
@@ -285,6 +263,11 @@ def _final_time(problem: "Problem | None", solution: "Solution") -> str:
             f" (not reached: the point ends at {reached:.6g})" if missed else ""
         )
     return f"none: the point is infeasible (its value {reached:.12g})"
+
+
+def words(solution: "Solution") -> list[str]:
+    """Return the modes of every control, shortened where there are many."""
+    return [f"{name}: {_modes(row)}" for name, row in solution.structure.items()]
 
 
 def _modes(row: Iterable[tuple[str, float, float]]) -> str:
@@ -365,33 +348,3 @@ def _graded(verdict: "Verdict", grade: "Grade") -> Line:
 def _answer(holds: bool, what: str, margin: str) -> Line:
     answer = (what, Tone.GOOD) if holds else (f"not {what}", Tone.BAD)
     return (answer, (f": {margin}", Tone.PLAIN))
-
-
-def _same_word(problem: "Problem", solution: "Solution") -> bool | None:
-    """Tell whether a solution has the word of the reference, None where that has no word."""
-    from socp.model import Word
-
-    if problem.reference is None or not problem.reference.word:
-        return None
-    try:
-        word = Word.parse(problem.reference.word, problem.control_names)
-    except MethodError:
-        return None
-    found = {
-        name: " ".join(mode.partition("[")[0] for mode, _, _ in row)
-        for name, row in solution.structure.items()
-    }
-    return all(
-        found.get(name) == re.sub(r"\[[^]]*\]", "", word.of(name)) for name in problem.control_names
-    )
-
-
-def _reference(comparison: dict[str, Any] | None) -> list[str]:
-    if comparison is None:
-        return []
-    parts = [f"objective {signed_error(comparison['error'])} from {comparison['objective']:.12g}"]
-    if comparison["switches"] is not None:
-        parts.append(f"switching times within {small(comparison['switches'])}")
-    if comparison["word"] is not None:
-        parts.append("the same word" if comparison["word"] else "another word")
-    return [", ".join(parts)]

@@ -143,6 +143,7 @@ def test_the_recipe_asks_for_what_pip_does() -> None:
     [
         ("rerun", "record", "record result.socp.json"),
         ("matplotlib", "plot", "plot result.socp.json"),
+        ("plotly", "report", "report result.socp.json"),
         ("pyarrow", "export", "export result.socp.json --format parquet"),
         ("xarray", "export", "export result.socp.json --format netcdf"),
         ("pyomo.environ", "mip", "export fuller --format nl"),
@@ -171,6 +172,7 @@ def test_the_core_stands_in_no_extra() -> None:
     assert not core & {
         "rerun-sdk",
         "matplotlib",
+        "plotly",
         "pyarrow",
         "xarray",
         "pandas",
@@ -178,5 +180,5 @@ def test_the_core_stands_in_no_extra() -> None:
         "pyscipopt",
         "distributed",
     }
-    assert extras["all"] == ["socp[dask,export,mip,plot,prove,record]"]
+    assert extras["all"] == ["socp[dask,export,mip,plot,prove,record,report]"]
     assert "socp[all]" in extras["dev"]

@@ -1,65 +1,28 @@
 """One pair of axes: a curve or the scene drawn in it, arcs and switching times marked."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from socp.model import TINY
 from socp.view.figures import style
+from socp.view.figures.curves import Curve, limits_of, power_of
 
 if TYPE_CHECKING:
     from socp.view.picture import Picture
 
-Stretch = tuple[str, float, float]
 _LANE = (0.04, 0.145, 0.165)  # inches above a panel: the lane's lower and upper edge, and the names
 _MARKED = (
     40  # switching times that are marked at most: more of them are ringing, and grey everything
 )
 
 
-@final
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Curve:
-    """One panel over time: values (n,) at times t (n,), its label, bounds, and the stretches that
-    shade it.
-
-    `switches`: times that are marked; `zero`: whether a line marks zero; `lanes`: whether the arcs
-    are named above; `others`: look, times and values of the same quantity of other solutions.
-    """
-
-    label: str
-    unit: str
-    t: np.ndarray
-    values: np.ndarray
-    bounds: tuple[float, float] = (-np.inf, np.inf)
-    stretches: tuple[Stretch, ...] = ()
-    switches: Sequence[float] = ()
-    zero: bool = False
-    lanes: bool = False
-    others: tuple[tuple[style.Look, np.ndarray, np.ndarray], ...] = ()
-
-    @property
-    def everything(self) -> np.ndarray:
-        """The finite values of all solutions (k,)."""
-        values = np.concatenate([self.values, *(each for _, _, each in self.others)])
-        finite: np.ndarray = values[np.isfinite(values)]
-        return finite
-
-    @property
-    def span(self) -> tuple[float, float]:
-        """The first and the last time of all solutions."""
-        times = [self.t, *(t for _, t, _ in self.others)]
-        return min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
-
-
 def draw_curve(axes: Any, curve: Curve, warp: Callable[[Any], np.ndarray]) -> None:
     """Draw a curve with its bounds, arcs and switching times; `warp` maps times to places on the
     axis.
     """
-    power = _power(curve.everything)
-    low, high = _limits(curve, 10.0**power)
+    power = power_of(curve.everything)
+    low, high = limits_of(curve, 10.0**power)
     axes.set_ylim(low, high)
     axes.set_xlim(*warp(np.array(curve.span)))
     if curve.stretches:
@@ -89,35 +52,6 @@ def draw_curve(axes: Any, curve: Curve, warp: Callable[[Any], np.ndarray]) -> No
     unit = f"$10^{{{power}}}$ {curve.unit}".strip() if power else curve.unit
     axes.set_ylabel(style.label(curve.label, unit))
     _ticks(axes)
-
-
-def _power(values: np.ndarray) -> int:
-    """Return the power of ten in whose units the labels of finite values (k,) are short."""
-    largest = float(np.max(np.abs(values), initial=0.0))
-    power = int(np.floor(np.log10(largest))) if largest > 0 else 0
-    return power if power <= -3 or power >= 5 else 0
-
-
-def _limits(curve: Curve, unit: float) -> tuple[float, float]:
-    """Return limits that hold the values, and bounds that are near, with a margin."""
-    seen = curve.everything
-    low, high = (float(seen.min()), float(seen.max())) if seen.size else (0.0, 1.0)
-    span = high - low
-    near = [
-        b for b in curve.bounds if np.isfinite(b) and low - 0.5 * span <= b <= high + 0.5 * span
-    ]
-    shown = near if not curve.lanes else [b for b in curve.bounds if np.isfinite(b)]
-    low, high = (
-        min([low, *shown, *([0.0] if curve.zero else [])]),
-        max([high, *shown, *([0.0] if curve.zero else [])]),
-    )
-    least = 1e-4 * max(abs(low), abs(high), TINY)  # what no label tells apart fills no panel
-    pad = (
-        0.08 * max(high - low, least)
-        if high - low > least
-        else max(0.1 * abs(high), 0.5 * unit * 1e-3, 1e-12)
-    )
-    return (low - pad) / unit, (high + pad) / unit
 
 
 def _shade(axes: Any, curve: Curve, warp: Callable[[Any], np.ndarray]) -> None:

@@ -3,18 +3,14 @@ functions, the scene.
 """
 
 import io
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from socp import errors
 from socp.errors import MethodError
 from socp.model import known_problem
 from socp.process import printable
-from socp.view.exports import unit
 from socp.view.figures import style
 from socp.view.figures.arrangement import (
     LEFT,
@@ -26,11 +22,10 @@ from socp.view.figures.arrangement import (
     arranged,
     composed,
 )
-from socp.view.figures.axes import Curve, draw_curve, draw_scene
+from socp.view.figures.axes import draw_curve, draw_scene
+from socp.view.figures.curves import Curve, curves_of, has_scene, scene_of_group, unit_of
 from socp.view.figures.overlay import Group, heading_of, overlaid
 from socp.view.ladder import top_text
-from socp.view.picture import picture_of, scene_of
-from socp.view.traces import Traces
 
 if TYPE_CHECKING:
     from socp.model import Problem, Solution
@@ -40,9 +35,6 @@ DEFAULT = PANELS[:-1]
 ENDINGS = ("png", "svg", "pdf")
 WIDTH = 7.0  # inches: both columns of a page
 _FLAT = 2.5  # scenes flatter than this go across the page
-# Of the largest multiplier: what an interior point leaves of a constraint that is not active
-_NOTHING = 1e-6
-_APART = 1e-3  # of its largest value: nearer to zero a constraint on a grid may be active
 _DPI = 200
 
 
@@ -71,9 +63,9 @@ def draw(
     problem = problem or known_problem(solution)
     with matplotlib.rc_context(style.SETTINGS):
         group = overlaid(problem, solution, **{k: v for k, v in more.items() if k != "title"})
-        axis = TimeAxis.of(solution, _unit(problem, "time"), stretch=stretch, until=group.until)
+        axis = TimeAxis.of(solution, unit_of(problem, "time"), stretch=stretch, until=group.until)
         curves = {
-            name: list(_curves(name, solution, problem, group))
+            name: list(curves_of(name, solution, problem, group))
             for name in panels
             if name != "scene"
         }
@@ -127,85 +119,6 @@ def to_bytes(figure: Any, ending: str) -> bytes:
     return file.getvalue()
 
 
-def _curves(
-    name: str, solution: "Solution", problem: "Problem | None", group: Group
-) -> Iterator[Curve]:
-    """Yield the panels of one kind that have anything to show."""
-    rows = _rows(name, solution, group.along)
-    others = [(_rows(name, each.solution, each.along), each) for each in group.others]
-    box = _bounds(name, problem)
-    for (owner, label), values in rows.items():
-        if not np.isfinite(values).any():
-            continue
-        arcs = solution.structure.get(owner, ()) if name in {"controls", "switching"} else ()
-        yield Curve(
-            label=label,
-            unit=_unit(problem, owner) if name in {"controls", "states"} else "",
-            t=group.along.t,
-            values=values,
-            bounds=box.get(owner, (-np.inf, np.inf)),
-            stretches=arcs,
-            switches=[end for _, _, end in arcs[:-1]] if arcs else solution.switches,
-            zero=name in {"switching", "multipliers"},
-            lanes=name == "controls",
-            others=tuple(
-                (each.look, each.along.t, found[owner, label])
-                for found, each in others
-                if (owner, label) in found
-            ),
-        )
-
-
-def _rows(name: str, solution: "Solution", along: Traces) -> dict[tuple[str, str], np.ndarray]:
-    """Return the values (n,) of one kind of panels by name and label."""
-    sizes = {
-        c: float(np.nanmax(np.abs(row), initial=0.0))
-        for c, row in along.multipliers.items()
-        if _met(along.constraints.get(c))
-    }
-    active = [c for c, size in sizes.items() if size > _NOTHING * max(sizes.values())]
-    found: dict[str, tuple[Sequence[str], str, Iterable[np.ndarray]]] = {
-        "controls": (solution.control_names, "{}", along.u),
-        "switching": (solution.control_names, r"\sigma_{{{}}}", along.switching),
-        "states": (solution.state_names, "{}", along.x),
-        "costates": (solution.state_names, r"\lambda_{{{}}}", along.costate),
-        "multipliers": (tuple(active), r"\mu_{{{}}}", [along.multipliers[c] for c in active]),
-        "hamiltonian": (("H",), "{}", [along.hamiltonian]),
-    }
-    names, pattern, values = found[name]
-    return {
-        (each, pattern.format(style.symbol(each))): row
-        for each, row in zip(names, values, strict=True)
-    }
-
-
-def _met(constraint: np.ndarray | None) -> bool:
-    """Tell whether a constraint c (n,) <= 0 comes near zero: the multiplier of one that does not is
-    what an interior point leaves of it.
-    """
-    if constraint is None or not constraint.size:
-        return True
-    return bool(np.nanmax(constraint) >= -_APART * np.nanmax(np.abs(constraint)))
-
-
-def _unit(problem: "Problem | None", name: str) -> str:
-    return style.plain(unit(problem, name))
-
-
-def _bounds(name: str, problem: "Problem | None") -> dict[str, tuple[float, float]]:
-    """Return the bounds of controls or states by name."""
-    if problem is None or name not in {"controls", "states"}:
-        return {}
-    pair = (
-        (problem.control_names, problem.box)
-        if name == "controls"
-        else (problem.state_names, problem.state_box)
-    )
-    return {
-        each: (float(low), float(high)) for each, low, high in zip(pair[0], *pair[1], strict=True)
-    }
-
-
 def _heights(curve: Curve) -> tuple[float, float]:
     """Return the height of a panel and the room for the arcs' names above it, in inches."""
     return (0.95, 0.3) if curve.lanes else (0.62, 0.0)
@@ -217,21 +130,9 @@ def _scene(
     """Return the panel of the scene, and whether it goes across the page; None where there is no
     plane.
     """
-    if problem.scene is None and len(solution.state_names) < 2:
+    if not has_scene(problem):
         return None
-    seen = picture_of(problem, solution, group.along.t)
-    paths = [
-        (each.look, picture_of(problem, each.solution, each.along.t).path) for each in group.others
-    ]
-    seen = replace(seen, others=tuple(path for _, path in paths))
-    plane = [str(each) for each in scene_of(problem).plane]
-    pairs = zip(plane, seen.labels, strict=True)
-    labels = [
-        style.label(style.symbol(p), _unit(problem, p))
-        if p in (*solution.state_names, "t")
-        else text
-        for p, text in pairs
-    ]
+    seen, labels = scene_of_group(solution, problem, group)
     (left, right), (low, high) = seen.box
     ratio = (right - left) / (high - low) if seen.spatial else 1.6
     across = seen.spatial and ratio > _FLAT
@@ -240,7 +141,7 @@ def _scene(
     put = partial(
         draw_scene,
         picture=seen,
-        labels=(labels[0], labels[1]),
-        looks=tuple(look for look, _ in paths),
+        labels=labels,
+        looks=tuple(each.look for each in group.others),
     )
     return Panel(put, height, timed=False), across

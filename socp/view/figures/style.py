@@ -4,6 +4,7 @@ mathematics writes them.
 
 import re
 from collections.abc import Mapping
+from html import unescape
 from typing import Any
 
 from socp.process import one_line
@@ -83,14 +84,24 @@ def symbol(name: str) -> str:
     """Return a name in the notation of mathtext, without dollars: Greek letters, digits and what
     follows `_` below.
     """
+    base, below = parts_of(name)
+    if not base:
+        return r"\mathrm{" + re.sub(r"[^A-Za-z0-9.]", r" ", name) + "}"
+    return _word(base) + ("_{" + ",".join(map(_word, below)) + "}" if below else "")
+
+
+def parts_of(name: str) -> tuple[str, list[str]]:
+    """Return the letters of a name and what stands below them; no letters where it is no symbol."""
     base, _, rest = name.partition("_")
     letters = re.match(r"([A-Za-z]+?)(\d*)$", base)
     if letters is None:
-        return r"\mathrm{" + re.sub(r"[^A-Za-z0-9.]", r" ", name) + "}"
-    below = ",".join(part for part in (letters[2], *filter(None, rest.split("_"))) if part)
-    return _word(letters[1]) + (
-        "_{" + ",".join(map(_word, below.split(","))) + "}" if below else ""
-    )
+        return "", []
+    return letters[1], [part for part in (letters[2], *rest.split("_")) if part]
+
+
+def letter(word: str) -> str:
+    """Return a word as text, the name of a Greek letter as that letter."""
+    return unescape(f"&{word};") if word in _GREEK else word
 
 
 def label(text: str, unit: str = "") -> str:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from socp.model import Problem, Solution
 from socp.process import markdown, markdown_code
+from socp.view.beside import Table, solutions_table, words_table
 from socp.view.ladder import ladder_table
 from socp.view.report import conditions, judgement, solution_rows
 
@@ -38,43 +39,24 @@ def summary(problem: Problem, solution: Solution) -> str:
 
 def search(solution: Solution) -> str:
     """Return the nodes of a search, one a row."""
-    rows = [
-        (
-            str(k),
-            markdown_code(node.word),
-            markdown(node.stop),
-            f"{node.objective:.9g}",
-            *map(_small, (node.bound, node.miss, node.residual)),
-        )
-        for k, node in enumerate(solution.nodes)
-    ]
-    return "# Words tried\n\n" + table(
-        ("", "word", "stop", "objective", "bound", "miss", "residual"), rows
-    )
+    return "# Words tried\n\n" + _with_words(words_table(solution), 1)
 
 
 def comparison(problem: Problem, solutions: Sequence[Solution]) -> str:
     """Return several solutions of a problem, one a row."""
-    rows = [
-        (
-            markdown(each.method),
-            f"{each.objective:.10g}",
-            str(each.t.size),
-            markdown_code(each.word),
-            judgement(each.verdict),
-            f"{sum(each.seconds.values()):.2f}",
-        )
-        for each in solutions
-    ]
-    heads = ("method", "objective", "nodes", "word", "verdict", "seconds")
-    return f"# {markdown(problem.title or problem.name)}\n\n" + table(heads, rows)
+    shown = _with_words(solutions_table(solutions), 3)
+    return f"# {markdown(problem.title or problem.name)}\n\n" + shown
+
+
+def _with_words(rows: Table, column: int) -> str:
+    """Return a table in Markdown, with words as code in one of its columns."""
+    heads, *others = rows
+    safe = ([(markdown_code if k == column else markdown)(cell) for k, cell in enumerate(row)]
+            for row in others)  # fmt: skip
+    return table(heads, safe)
 
 
 def table(heads: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
     """Return a table in Markdown."""
     lines = [heads, ["---"] * len(heads), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def _small(value: float) -> str:
-    return "" if value != value else f"{value:.3g}"  # noqa: PLR0124 - nan

@@ -1,0 +1,1 @@
+"""A report as a page: its formulas, its plots, the page itself."""
