@@ -5,6 +5,7 @@ Run as `python benchmarks/pictures.py [NAME ...]`; without names everything is m
 """
 
 import argparse
+import re
 import tempfile
 from pathlib import Path
 
@@ -17,6 +18,8 @@ DOCS = ROOT / "docs"
 PAGE = DOCS / "gallery.md"
 NOTEBOOK = DOCS / "tutorial.ipynb"
 PANELS = "scene,controls,switching,states"
+STORIES = ("bioreactor", "crane")  # tutorials that write a problem of their own
+STORY = "controls,switching,states"
 FRONT = "scene,controls,switching"  # of README's picture
 
 HEAD = """# Gallery
@@ -74,6 +77,22 @@ def section(name: str, title: str, result: Path) -> str:
     )
 
 
+def story(name: str) -> None:
+    """Solve the problem that a tutorial writes, and draw its picture."""
+    found = re.search(
+        rf'^```python title="{name}.py"\n(.*?)^```$',
+        (DOCS / f"{name}.md").read_text(encoding="utf-8"),
+        re.MULTILINE | re.DOTALL,
+    )
+    assert found is not None
+    with tempfile.TemporaryDirectory() as folder:
+        problem, result = Path(folder) / f"{name}.py", str(Path(folder) / "result.socp.json")
+        problem.write_text(found[1], encoding="utf-8")
+        command("solve", str(problem), "--quiet", "--out", result)
+        picture = str(DOCS / "images" / f"{name}.svg")
+        command("plot", result, "--panels", STORY, "--width", "4.8", "-o", picture)
+
+
 def notebook() -> None:
     """Run the tutorial and keep what it shows, without the times at which it ran."""
     import nbformat
@@ -102,6 +121,8 @@ def main() -> None:
         parts = [section(name, registry.problem(name).title, results) for name in chosen or own]
     if not chosen:
         PAGE.write_text("\n".join([HEAD, *parts]), encoding="utf-8")
+        for name in STORIES:
+            story(name)
         notebook()
 
 
