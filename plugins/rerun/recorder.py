@@ -15,13 +15,19 @@ from socp.errors import load
 from socp.model import Problem, Progress, Solution
 from socp.process import file_stem, one_line
 from socp.view import (
+    CONTROLS,
+    FITTED,
     HELP,
     PALETTE,
+    RUNNING,
     Item,
     Note,
+    Picture,
     Plane,
     Run,
     comparison,
+    control_frame,
+    control_lines,
     ground,
     items,
     layout,
@@ -42,6 +48,7 @@ _WRITING, _ENDING = (
     15.0,
     10.0,
 )  # seconds to wait for what is not yet written, and for the end of the stream
+_ASTRAY = 1e8  # of an infeasibility: how far beyond that a solve has gone astray flattens all else
 _GONE = 1.0  # the same where the viewer is gone, or the writer has given up
 _SHARE, _APART = (
     0.05,
@@ -66,7 +73,7 @@ class Recorder:
     stage: str = ""
     lifting: float = 0.0
     lifted: float = 0.0
-    factors: tuple[float, float] | None = None
+    paths: list[tuple[int, np.ndarray]] = field(default_factory=list)
     finished: list[Solution] = field(default_factory=list)
     items: list[Item] = field(default_factory=list)
 
@@ -92,7 +99,9 @@ class Recorder:
             stream.save(str(path))
         else:
             stream.connect_grpc(live)
-        stream.send_blueprint(blueprint(streaming(), "progress"))
+        stream.send_blueprint(blueprint(streaming(len(problem.control_names)), "progress"))
+        for each in control_frame(problem, CONTROLS):
+            send(stream, each)
         stream.log("/help", rr.TextDocument(HELP, media_type=rr.MediaType.MARKDOWN), static=True)
         for part, colour in (("objective", PALETTE[0]), ("infeasibility", PALETTE[1])):
             stream.log(
@@ -125,9 +134,6 @@ class Recorder:
         self._write()
         if self.count and not self.several:
             self._iterate(solution)
-            if self.factors is not None:
-                for each in ground(picture_of(problem, solution), "/progress/plan"):
-                    send(self.stream, each)
         colour = PALETTE[len(self.finished) % len(PALETTE)]
         among = picture_of(problem, self.finished[0]) if self.finished else None
         run = (
@@ -206,7 +212,8 @@ class Recorder:
         )
         methods = ", ".join(each.method for each in self.finished)
         self.stream.send_recording_name(one_line(f"{self.problem.name}: {methods}"))
-        tabs = layout(self.problem, first, self.items, roots, self.factors, seen)
+        self._fit(seen)
+        tabs = layout(self.problem, first, self.items, roots, seen)
         self.stream.send_blueprint(blueprint(tabs, "t"))
 
     def _write(self) -> None:
@@ -219,7 +226,10 @@ class Recorder:
         )
         self.rows.clear()
         at = rr.TimeColumn("progress", sequence=index.astype(int))
-        for name, values in (("objective", objective), ("infeasibility", log10(infeasibility))):
+        for name, values in (
+            ("objective", objective),
+            ("infeasibility", log10(np.minimum(infeasibility, _ASTRAY))),
+        ):
             self.stream.send_columns(f"/progress/{name}", [at], rr.Scalars.columns(scalars=values))
 
     def _stage(self) -> None:
@@ -229,18 +239,36 @@ class Recorder:
         self.stream.log("/progress/stage", rr.StateChange(state=one_line(self.stage)))
 
     def _iterate(self, now: Solution) -> None:
-        """Draw the path of an iterate, and keep account of what that took."""
-        import rerun as rr
-
+        """Draw the path and the controls of an iterate."""
         seen = picture_of(self.problem, now)
         if not np.isfinite(seen.path).all():
             return
         self.stream.set_time("progress", sequence=self.count)
-        if self.factors is None:
-            self.factors = scale(seen)
-            send(self.stream, Plane(path="/progress/plan", scale=self.factors))
-        line = rr.LineStrips2D([seen.path.T], colors=[PALETTE[0]], radii=rr.Radius.ui_points(1.5))
-        self.stream.log("/progress/plan/iterate", line)
+        if not self.paths:
+            send(self.stream, Plane(path=RUNNING, scale=scale(seen)))
+        self.paths.append((self.count, seen.path))
+        self.stream.log(f"{RUNNING}/iterate", _strips([seen.path.T]))
+        lines = control_lines(self.problem, now)
+        self.stream.log(f"{CONTROLS}/iterate", _strips(lines))
+
+    def _fit(self, seen: Picture) -> None:
+        """Draw the iterates again, to the scale of what they led to, which nobody knew before."""
+        if not self.paths:
+            return
+        send(self.stream, Plane(path=FITTED, scale=scale(seen)))
+        for each in ground(seen, FITTED):
+            send(self.stream, each)
+        for count, path in self.paths:
+            self.stream.set_time("progress", sequence=count)
+            self.stream.log(f"{FITTED}/iterate", _strips([path.T]))
+
+
+def _strips(lines: list[np.ndarray]) -> Any:
+    """Return lines (n, 2), each in its colour."""
+    import rerun as rr
+
+    colours = [PALETTE[k % len(PALETTE)] for k in range(len(lines))]
+    return rr.LineStrips2D(lines, colors=colours, radii=rr.Radius.ui_points(1.5))
 
 
 def _complete(path: Path) -> bool:

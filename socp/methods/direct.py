@@ -12,7 +12,7 @@ from socp.errors import SolveError
 from socp.methods.contract import lifting_watch
 from socp.methods.driving import motions, other_horizons
 from socp.methods.guess import scattered_guesses
-from socp.model import Problem, Solution, Stop, Watch, silent
+from socp.model import Problem, Solution, Stop, Watch, silent, staged
 from socp.process import seconds_left
 from socp.solvers import NLP, Backend, NLPPoint, Reduced, default_backend
 from socp.transcription import collocate, knotted, radau_iia, single_phase
@@ -119,9 +119,10 @@ class _Scouting:
             if seconds_left() <= 0.0:
                 break
             tried += 1
-            found = self._solved(units[0](), start, backend)
+            watch = staged(self.watch, f"scout {tried}")
+            found = self._solved(units[0](), start, backend, watch)
             if not met and not (found and (found.stop.ok or found.stop is Stop.INTERRUPTED)):
-                found = self._solved(units[1](), start, backend)
+                found = self._solved(units[1](), start, backend, watch)
                 if found and found.stop.ok:  # what leads somewhere goes first
                     units = units[::-1]
             if found is None:
@@ -134,11 +135,13 @@ class _Scouting:
                 break
         return Scouted(tuple(met), tried)
 
-    def _solved(self, programme: _Programme, start: Solution, backend: Backend) -> Solution | None:
+    def _solved(
+        self, programme: _Programme, start: Solution, backend: Backend, watch: Watch
+    ) -> Solution | None:
         """Solve a programme from a start; None where that cannot be."""
-        watch = lifting_watch(self.watch, programme)
+        told = lifting_watch(watch, programme)
         try:
-            return programme.lift(backend(programme.problem, programme.push(start), watch))
+            return programme.lift(backend(programme.problem, programme.push(start), told))
         except SolveError:
             return None
 

@@ -72,6 +72,7 @@ from .progress import Progress as Progress
 from .progress import Watch as Watch
 from .progress import search_watch as search_watch
 from .progress import silent as silent
+from .progress import staged as staged
 from .result.arc import Arc as Arc
 from .result.arc import join as join
 from .result.findings import NOWHERE as NOWHERE

@@ -55,6 +55,13 @@ def search_watch(watch: Watch, stage: str, word: str, best: Solution | None) -> 
     return lambda now: watch(replace(now, stage=stage, word=word, **told))
 
 
+def staged(watch: Watch, stage: str) -> Watch:
+    """Return a watch that is told what a solver works for; a silent one stays silent."""
+    if watch is silent:
+        return silent
+    return lambda now: watch(replace(now, stage=f"{stage}, {now.stage}"))
+
+
 def silent(_progress: Progress, /) -> bool:
     """Watch nothing and never stop."""
     return False

@@ -3,14 +3,14 @@ more iterations along a word.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cmp_to_key
 from itertools import islice
 from typing import final
 
 from socp.errors import SolveError
 from socp.methods import motions, scouts_from_motions, solve_directly
-from socp.model import Problem, Solution, Stop, Watch, silent
+from socp.model import Problem, Solution, Stop, Watch, silent, staged
 from socp.process import seconds_left, time_limit
 from socp.search.effort import Ration, Search, along_words, off, precedes
 from socp.search.motions import own_motion
@@ -92,7 +92,7 @@ def escalate(
     lost = not _done(problem, search) and not any(_followed(problem, each) for each in directs)
     if guess is not None and lost:
         with time_limit(_MOVING * seconds_left()):
-            directs += scouts_from_motions(problem, guess, _staged(watch, "motions"), backend)
+            directs += scouts_from_motions(problem, guess, staged(watch, "motions"), backend)
         if directs and directs[-1].stop is Stop.INTERRUPTED:
             raise KeyboardInterrupt
     for number, more in enumerate(ROUNDS, 2):
@@ -104,7 +104,7 @@ def escalate(
             break
         patient = along_words(backend, more.iterations, near=more.near)
         search.begin(Ration(more.work, patient), more.words, more.finer * steps)
-        told = _staged(watch, f"round {number} of {len(ROUNDS) + 1}")
+        told = staged(watch, f"round {number} of {len(ROUNDS) + 1}")
         with time_limit(seconds_left() * more.share):
             lead(problem, search, told)
             how = meshes(problem, more.finer * steps), backend.limited(_ITERATIONS)
@@ -189,7 +189,7 @@ def _shown(
         if seconds_left() <= 0.0:
             return
         try:
-            direct = solve_directly(problem, mesh, how[1], start, watch)
+            direct = solve_directly(problem, mesh, how[1], start, staged(watch, "grid"))
         except SolveError:
             continue
         if direct.stop is Stop.INTERRUPTED:
@@ -197,9 +197,3 @@ def _shown(
         if direct.stop.ok:
             start = direct
             yield direct
-
-
-def _staged(watch: Watch, stage: str) -> Watch:
-    if watch is silent:
-        return silent
-    return lambda now: watch(replace(now, stage=f"{stage}, {now.stage}"))

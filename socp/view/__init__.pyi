@@ -18,6 +18,7 @@ from .notebook import html as html
 from .outcomes import Outcome as Outcome
 from .outcomes import infeasible as infeasible
 from .outcomes import outcome_of as outcome_of
+from .picture import Picture as Picture
 from .picture import picture_of as picture_of
 from .printed import detailed_rows as detailed_rows
 from .printed import text as text
@@ -34,7 +35,12 @@ from .recording.items import Note as Note
 from .recording.items import Panel as Panel
 from .recording.items import Plane as Plane
 from .recording.items import Series as Series
+from .recording.iterates import control_frame as control_frame
+from .recording.iterates import control_lines as control_lines
+from .recording.page import CONTROLS as CONTROLS
+from .recording.page import FITTED as FITTED
 from .recording.page import HELP as HELP
+from .recording.page import RUNNING as RUNNING
 from .recording.page import layout as layout
 from .recording.page import streaming as streaming
 from .recording.plane import ground as ground

@@ -27,7 +27,8 @@ from socp.model.result.solution import Solution
 from socp.registry.plugins import Registry
 from socp.view.picture import picture_of
 from socp.view.recording.contents import Run, control, items
-from socp.view.recording.items import Drawing, Lane, Note, Panel, Series
+from socp.view.recording.items import Bars, Drawing, Lane, Note, Panel, Series
+from socp.view.recording.iterates import control_lines, controls_window
 from socp.view.recording.page import layout, panels, visible
 from socp.view.recording.plane import ground, together
 from socp.view.traces import traces
@@ -217,9 +218,33 @@ def test_every_item_is_seen_in_a_panel_and_every_panel_shows_something(
     shown = layout(*rough, found)
     seen = {id(each) for panel in panels(shown) for each in visible(found, panel)}
     hidden = {each.path for each in found if id(each) not in seen}
-    assert {path.rsplit("/", 1)[0] for path in hidden} <= {"", "/solver", "/mesh", "/search"}
+    kept = {"", "/solver", "/solver/log10", "/mesh", "/search"}  # beside the bars of the same
+    assert {path.rsplit("/", 1)[0] for path in hidden} <= kept
     dark = [p.name for p in panels(shown) if p.contents[0].startswith(("/progress", "/help"))]
     assert [p.name for p in panels(shown) if not visible(found, p) and p.name not in dark] == []
+
+
+def test_controls_of_an_iterate_stand_between_their_bounds(
+    rough: tuple[Problem, Solution],
+) -> None:
+    problem, solution = rough
+    (line,) = control_lines(problem, solution)
+    (left, right), (low, high) = controls_window(1)
+    assert (line[0, 0], line[-1, 0]) == (0.0, 2.5)
+    assert left < line[0, 0] < line[-1, 0] < right
+    assert low <= -line[:, 1].max()
+    assert -line[:, 1].min() <= high, "y points down in a view"
+    assert line[:, 1] == pytest.approx(0.8 * (control(solution, 0)[1] + 1) / 2, abs=1e-12)
+
+
+def test_what_a_solver_did_shows_on_every_timeline(rough: tuple[Problem, Solution]) -> None:
+    found = items(*rough)
+    _, solver, _ = layout(*rough, found).parts
+    assert {each.kind for each in panels(solver) if each.timeline != "t"} <= {"bars", "text"}
+    bars = {each.path: each for each in found if isinstance(each, Bars)}
+    objective = np.array(rough[1].trace["objective"])
+    apart = bars["/solver/bars/objective"].values[0]
+    assert apart == pytest.approx(np.log10(abs(objective[0] - objective[-1])), abs=1e-12)
 
 
 def test_series_of_a_panel_differ_in_colour(rough: tuple[Problem, Solution]) -> None:

@@ -23,7 +23,12 @@ LOGARITHMIC = (
     "mu",
     "step",
 )  # of a solver's trace: spread over many powers of ten
-BARS = ("inf_pr", "inf_du", "mu")  # of these, for every timeline
+BARS = {  # what is shown for every timeline, and what it is called
+    "objective": "Objective, distance to the last",
+    "inf_pr": "Infeasibility",
+    "inf_du": "Dual infeasibility",
+    "mu": "Barrier",
+}
 _UNSAFE = re.compile(r"[^\w./-]")  # what a path would need escapes for
 
 
@@ -200,13 +205,15 @@ def _solver(solution: Solution, run: Run) -> Iterator[Item]:
                 name=f"log10 {plain.name}",
             )
             yield replace(line, timeline="iteration")
-            if name in BARS:
-                yield Bars(
-                    path=f"{run.root}/solver/bars/{name}",
-                    at=at,
-                    values=np.nan_to_num(logarithm),
-                    colour=colour,
-                )
+        last = values[-1] if name == "objective" and values else 0.0
+        shown = log10(np.abs(plain.values - last))
+        if name in BARS and np.isfinite(shown).any():
+            yield Bars(
+                path=f"{run.root}/solver/bars/{name}",
+                at=at,
+                values=np.nan_to_num(shown),
+                colour=colour,
+            )
 
 
 def _search(solution: Solution, run: Run) -> Iterator[Item]:
@@ -230,7 +237,8 @@ def _search(solution: Solution, run: Run) -> Iterator[Item]:
     at = np.arange(sizes.size, dtype=float)
     line = run.series("mesh/intervals", at, sizes, "intervals", PALETTE[0])
     yield replace(line, timeline="refinement")
-    yield Bars(path=f"{run.root}/mesh/bars", at=at, values=sizes, colour=PALETTE[0])
+    if sizes.size > 1:
+        yield Bars(path=f"{run.root}/mesh/bars", at=at, values=sizes, colour=PALETTE[0])
 
 
 def log10(values: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from socp.model import TINY, Problem, Solution
 from socp.view.picture import Picture, picture_of
 from socp.view.recording.contents import BARS
 from socp.view.recording.items import GREY, Corner, Group, Item, Panel, Series, Timeline
+from socp.view.recording.iterates import controls_window
 from socp.view.recording.plane import STRIP, scale, window
 
 HELP = """\
@@ -16,6 +17,7 @@ A curve shows on its own timeline, which is chosen in the panel at the bottom: `
 the solver's trace, `refinement` for the nodes of a search, `t` for the meshes, `progress` for
 the tab Progress.
 Bars and tables show on all of them."""
+RUNNING, FITTED, CONTROLS = "/progress/plan", "/progress/fitted", "/progress/controls"
 _SEPARATE = 6  # panels in a column; more stand in two
 _FLAT = 1e-6  # of its magnitude: a quantity that varies less is shown as constant
 _QUANTITIES = {
@@ -31,14 +33,12 @@ def layout(
     solution: Solution,
     items: Sequence[Item],
     roots: Sequence[str] = ("",),
-    factors: tuple[float, float] | None = None,
     seen: Picture | None = None,
 ) -> Group:
     """Return the tabs of a recording of `items`, whose paths begin with `roots`: one, or one a run.
 
-    `seen` is what the plane shows, by default the picture of `solution`. The tabs are those of the
-    solution, of the solver, and of the solve as it ran; `factors` are those that its iterates are
-    drawn with.
+    `seen` is what the planes show, by default the picture of `solution`. The tabs are those of the
+    solution, of the solver, and of the solve as it ran.
     """
     first = picture_of(problem, solution)
     paths = {
@@ -46,23 +46,33 @@ def layout(
         for each in items
         for root in roots
         if each.path.startswith(f"{root}/")
+        and not (isinstance(each, Series) and each.timeline == "refinement" and each.at.size < 2)
     }
     tabs = (
         _solution(problem, seen or first, scale(first), paths, roots),
         _solver(paths, roots),
-        streaming(window(first, factors)),
+        streaming(len(problem.control_names), window(seen or first), FITTED),
     )
     return _fitted(Group(kind="tabs", parts=tabs), items)
 
 
-def streaming(box: np.ndarray | None = None) -> Group:
-    """Return the layout of a solve in progress; it is all there is of one that was killed."""
+def streaming(controls: int, box: np.ndarray | None = None, plan: str = RUNNING) -> Group:
+    """Return the layout of a solve in progress, of so many controls; it is all there is of one that
+    was killed. `plan` is where its iterates are: as they came, or to the scale of what they led to.
+    """
     plane = Panel(
         kind="plane",
         name="Iterates in the plane",
-        contents=("/progress/plan/**",),
+        contents=(f"{plan}/**",),
         timeline="progress",
         box=box,
+    )
+    rows = Panel(
+        kind="plane",
+        name="Controls of the iterates, from start to end",
+        contents=(f"{CONTROLS}/**",),
+        timeline="progress",
+        box=controls_window(controls),
     )
     curves = (
         _curves("Objective while it ran", ("/progress/objective",), "progress"),
@@ -77,7 +87,10 @@ def streaming(box: np.ndarray | None = None) -> Group:
     return Group(
         kind="row",
         name="Progress",
-        parts=(plane, Group(kind="column", parts=curves)),
+        parts=(
+            Group(kind="column", parts=(plane, rows), shares=(1.4, 1.0)),
+            Group(kind="column", parts=curves),
+        ),
         shares=(1.0, 1.0),
     )
 
@@ -124,17 +137,17 @@ def _solution(
 def _solver(paths: set[str], roots: Sequence[str]) -> Group:
     """Return the tab about how the solution came about, with what there is of it."""
     help_ = Panel(kind="text", name="Timelines", contents=("/help",))
-    trace = [
+    trace = [  # of one run bars show the same, whatever the timeline
         _curves("Objective by iteration", _at(roots, "/solver/objective"), "iteration"),
         _curves("Trace by iteration, log10", _at(roots, "/solver/log10/**"), "iteration"),
-    ]
+    ][: 2 * (len(roots) > 1)]
     bars = [
         Panel(
             kind="bars",
-            name=f"{name} by iteration, log10",
+            name=f"{title} by iteration, log10",
             contents=_at(roots[:1], f"/solver/bars/{name}"),
         )
-        for name in BARS
+        for name, title in BARS.items()
         if f"/solver/bars/{name}" in paths
     ]
     search = []
@@ -145,19 +158,23 @@ def _solver(paths: set[str], roots: Sequence[str]) -> Group:
         values = tuple(
             rule for part in ("objective", "bound") for rule in _at(roots, f"/search/{part}")
         )
-        search.append(_curves("Search by node", values, "refinement"))
+        if "/search/objective" in paths:
+            search.append(_curves("Search by node", values, "refinement"))
     rules = ("+ {}/mesh/**", "- {}/mesh/intervals", "- {}/mesh/bars")
     nodes = tuple(rule.format(root) for root in roots for rule in rules)
     meshes = [
         _curves("Nodes of the meshes in time, first below", nodes),
-        Panel(kind="bars", name="Intervals by mesh", contents=_at(roots[:1], "/mesh/bars")),
+        *(
+            [Panel(kind="bars", name="Intervals by mesh", contents=_at(roots[:1], "/mesh/bars"))]
+            if "/mesh/bars" in paths
+            else []
+        ),
     ]
     columns = [
-        Group(kind="column", parts=(help_, *trace), shares=(0.35, 1.0, 1.0)),
-        *([Group(kind="column", parts=tuple(bars))] if bars else []),
-        Group(kind="column", parts=(*search, *meshes)),
+        Group(kind="column", parts=(*trace, *bars)) if bars or trace else None,
+        Group(kind="column", parts=(*search, *meshes, help_)),
     ]
-    return Group(kind="row", name="Solver", parts=tuple(columns))
+    return Group(kind="row", name="Solver", parts=tuple(filter(None, columns)))
 
 
 def _curves(name: str, contents: tuple[str, ...], timeline: Timeline = "t") -> Panel:
