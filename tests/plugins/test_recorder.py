@@ -242,7 +242,7 @@ def test_what_a_solver_did_shows_on_every_timeline(rough: tuple[Problem, Solutio
     _, solver, _ = layout(*rough, found).parts
     assert {each.kind for each in panels(solver) if each.timeline != "t"} <= {"bars", "text"}
     bars = {each.path: each for each in found if isinstance(each, Bars)}
-    objective = np.array(rough[1].trace["objective"])
+    objective = np.array(rough[1].effort.trace["objective"])
     apart = bars["/solver/bars/objective"].values[0]
     assert apart == pytest.approx(np.log10(abs(objective[0] - objective[-1])), abs=1e-12)
 

@@ -4,13 +4,13 @@ asks a network.
 
 import json
 import re
-from dataclasses import replace
 from html.parser import HTMLParser
 from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from records import revised
 
 from socp import Problem, Solution, default_guess, errors, run
 from socp.errors import MethodError
@@ -114,7 +114,7 @@ def test_plots_hold_the_values_of_the_solution(page: str, solution: Solution) ->
 
 
 def test_solutions_beside_one_another(problem: Problem, solution: Solution) -> None:
-    later = replace(solution, method="later <b>", structure={})
+    later = revised(solution, method="later <b>", structure={})
     seen, plots = read(to_page(solution, problem, {"again <b>": later}))
     assert "again <b>" in seen.text
     assert [len(each["data"]) for each in plots[1:5]] == [2, 2, 2, 2]
@@ -122,7 +122,7 @@ def test_solutions_beside_one_another(problem: Problem, solution: Solution) -> N
 
 
 def test_what_is_not_judged_and_has_no_problem(solution: Solution) -> None:
-    bare = replace(solution, verdict=None, structure={}, statement=None, problem="<script>none")
+    bare = revised(solution, verdict=None, structure={}, statement=None, problem="<script>none")
     seen, plots = read(to_page(bare))
     text = " ".join(seen.text)
     assert "Nobody judged this solution." in text

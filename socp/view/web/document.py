@@ -168,8 +168,8 @@ def _effort(solution: "Solution", trace: Plot | None) -> Iterator[str]:
         yield f"<details open><summary>Words tried</summary>{words}</details>"
     if trace is not None:
         yield f'<div class="plots">{_place(trace)}</div>'
-    if solution.versions:
-        known = (f"{name} {version}" for name, version in solution.versions.items())
+    if solution.origin.versions:
+        known = (f"{name} {version}" for name, version in solution.origin.versions.items())
         yield f"<p><small>{_safe(', '.join(known))}</small></p>"
 
 

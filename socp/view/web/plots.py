@@ -120,9 +120,9 @@ def scene_plot(picture: "Picture", labels: tuple[str, str], group: Group) -> Plo
 def trace_plot(solution: "Solution") -> Plot | None:
     """Return the solver's trace by iteration, each quantity on powers of ten; None without one."""
     found = {
-        name: np.array(solution.trace[name], dtype=float)
+        name: np.array(solution.effort.trace[name], dtype=float)
         for name in _LOGARITHMIC
-        if name in solution.trace
+        if name in solution.effort.trace
     }
     shown = {name: values for name, values in found.items() if (values > 0).any()}
     if not shown:
