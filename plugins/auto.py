@@ -60,7 +60,9 @@ class Auto(Method):
         most=15,
     )
     max_switches: int = option(
-        6, "most switches of the best word where the control chatters; 0: any number", least=0
+        6,
+        "most switches where the control chatters, for each end of a singular arc; 0: any number",
+        least=0,
     )
     seconds: float = option(
         60.0, "seconds allowed in all; used up before the search gives up", least=1

@@ -7,6 +7,7 @@ import numpy as np
 
 from socp.methods.guess import guess_of
 from socp.model import Problem, Solution, numbers, parameters_of, rate_function
+from socp.process import seconds_left
 from socp.transcription import state_magnitudes
 
 # Of the box: the ends of what a control can do and between; growth and decay balance anywhere
@@ -94,7 +95,9 @@ def _integrated(
     x0: np.ndarray,
     sizes: np.ndarray,
 ) -> np.ndarray:
-    """Return the states (nx, n) of a motion at times (n,); where it escapes or is cut it stays."""
+    """Return the states (nx, n) of a motion at times (n,); where it escapes, is cut, or the time
+    allowed ends it, it stays.
+    """
     x = np.repeat(x0[:, None], t.size, axis=1)
     if not np.isfinite(moved(t[0], x0)).all():
         return x
@@ -105,6 +108,8 @@ def _integrated(
         try:
             steps.step()
         except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+            break
+        if seconds_left() <= 0.0:
             break
         if steps.status == "failed" or not (np.abs(steps.y) <= _AWAY * sizes).all():
             break

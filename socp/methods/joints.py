@@ -2,6 +2,7 @@
 or comes from.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from socp.laws import tangential_joints
@@ -10,9 +11,15 @@ from socp.model import Problem, Solution, Stop, Watch, Word, silent
 
 
 def follow_word(
-    problem: Problem, word: Word, guess: Solution, follower: Follower, watch: Watch = silent
+    problem: Problem,
+    word: Word,
+    guess: Solution,
+    follower: Follower,
+    watch: Watch = silent,
+    telling: Callable[[Solution], bool] = lambda _: False,
 ) -> Solution:
-    """Solve along a word, its laws boxed where they would leave the box.
+    """Solve along a word, its laws boxed where they would leave the box, unless what they do
+    outside of it is telling.
 
     Joints at which a word needs a law at its bound may be too much for a wrong word: with these
     left free it has a solution that shows what is wrong. Raises MethodError as the follower does.
@@ -20,7 +27,7 @@ def follow_word(
 
     def solve(how: Follower) -> Solution:
         return kept_in_box(
-            problem, lambda boxed: replace(how, boxed=boxed)(problem, word, guess, watch)
+            problem, lambda boxed: replace(how, boxed=boxed)(problem, word, guess, watch), telling
         )
 
     solution = solve(follower)

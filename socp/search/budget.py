@@ -53,6 +53,8 @@ _SCOUTING = _FIRST / 2.0
 # Of the time that the first round leaves, at most: motions as guesses, where no grid has followed
 # one
 _MOVING = 0.4
+# Of the time that a round has, at most: stiff motions of many solutions take longer than a word
+_LOOKING = 0.25
 _STARTS = 3  # solutions in hand from which a round starts; others are worse
 # Relative: a grid whose control takes the states further from what it claims has not followed the
 # motion, and is no start
@@ -167,14 +169,21 @@ def _starts(problem: Problem, directs: Sequence[Solution]) -> Iterator[Solution]
     """Yield the solutions in hand, the best ones first, then motions: grids may have jumped over
     what these follow.
     """
-    solved = [own_motion(problem, each) for each in directs if each.stop.ok]
+    with time_limit(_LOOKING * seconds_left()):
+        solved = [own_motion(problem, each) for each in directs if each.stop.ok]
     ordered = sorted(solved, key=cmp_to_key(_order))
-    runs = islice(motions(problem, (ordered or directs)[0], own=True), _MOTIONS)
-    groups = [iter(ordered[:_STARTS]), runs]
+    groups = [iter(ordered[:_STARTS]), _runs(problem, (ordered or directs)[0])]
     if not ordered or not off(ordered[0]) <= _CLAIMED:
         groups.reverse()
     for group in groups:
         yield from group
+
+
+def _runs(problem: Problem, start: Solution) -> Iterator[Solution]:
+    """Yield motions from the start, over its own horizon."""
+    with time_limit(_LOOKING * seconds_left()):
+        found = list(islice(motions(problem, start, own=True), _MOTIONS))
+    yield from found
 
 
 def _order(one: Solution, other: Solution) -> int:

@@ -9,7 +9,18 @@ from typing import final
 
 from socp.errors import SolveError
 from socp.methods import solve_collocated
-from socp.model import FEASIBLE, TINY, Met, Problem, Solution, Starts, Stop, Watch, silent
+from socp.model import (
+    APPROXIMATE,
+    FEASIBLE,
+    TINY,
+    Met,
+    Problem,
+    Solution,
+    Starts,
+    Stop,
+    Watch,
+    silent,
+)
 from socp.process import seconds_left, time_limit
 from socp.search.effort import Ration, Search, clearly, off, precedes
 from socp.search.motions import own_motion
@@ -53,14 +64,7 @@ def conclude(
         search.better = known = better_point(problem, search, directs)
         return best if known is None else replace(best, message=f"{best.message}; {_worse(known)}")
     solved = [each for each in directs if each.stop.ok]
-    certain = next(
-        (
-            each
-            for each in (certified(problem, one) for one in solved[:2] if seconds_left() > 0.0)
-            if each.extremal
-        ),
-        None,
-    )
+    certain = next((each for each in _exact(problem, solved[:2]) if each.extremal), None)
     if certain is not None:  # of the best start
         return certain
     chosen, compared = foremost(problem, best, solved, watch, search.backend.backend)
@@ -68,6 +72,16 @@ def conclude(
         return directs[0]
     parts = (chosen.message, explanation(problem, search), compared)
     return replace(chosen, message="; ".join(filter(None, parts)))
+
+
+def _exact(problem: Problem, directs: Sequence[Solution]) -> Iterator[Solution]:
+    """Yield those direct solutions, certified, whose motion is that of their controls: no other is
+    an extremal.
+    """
+    for each in directs:
+        seen = verify(problem, each)[0]
+        if seen.drift <= APPROXIMATE and seconds_left() > 0.0:
+            yield certified(problem, each)
 
 
 def with_starts(solution: Solution, search: Search) -> Solution:

@@ -9,7 +9,7 @@ import numpy as np
 
 from socp import laws
 from socp.laws import arc_modes, control_modes
-from socp.model import EXTREMAL, OUTSIDE, SHORTEST, Mode, Place, Problem, Solution
+from socp.model import EXTREMAL, OUTSIDE, SHORTEST, Arc, Mode, Place, Problem, Solution
 from socp.search.candidate import Candidate, held, insert, merged, without_short_arcs
 from socp.search.indifference import with_bangs_for
 from socp.verdict import constraint_values, misfit
@@ -81,19 +81,40 @@ def _swapped(given: Candidate, k: int) -> Candidate:
 
 
 def _outside(problem: Problem, now: Candidate) -> Iterator[Candidate]:
-    """Yield what puts a bound where a law leaves the box, for as long as it is outside: where it
-    pays to leave it, a shorter one shrinks to none.
+    """Yield what puts bounds where laws leave the box, for as long as they are outside, everywhere
+    at once and then where one is furthest out: where it pays to leave it, a shorter one shrinks to
+    none.
     """
+    runs = [run for arc in now.source.arcs for run in _excursions(problem, arc)]
+    if len(runs) > 1:
+        everywhere = now
+        for i, bound, span, _, _ in runs:
+            everywhere = held(everywhere, i, bound, span)
+        yield everywhere
     for arc in now.source.arcs:
-        for i, (low, high) in enumerate(problem.box.T):
-            excess = np.maximum(low - arc.u[i], arc.u[i] - high)
-            k = int(np.argmax(excess))
-            if excess[k] > OUTSIDE * (high - low):
-                bound = Mode("upper" if arc.u[i, k] > high else "lower")
-                out = np.flatnonzero(excess > OUTSIDE * (high - low))
-                run = next(r for r in np.split(out, np.flatnonzero(np.diff(out) > 1) + 1) if k in r)
-                yield held(now, i, bound, (float(arc.t[run[0]]), float(arc.t[run[-1]])))
-                yield insert(now, i, bound, float(arc.t[k]))
+        for i in range(len(problem.control_names)):
+            own = [run for run in _excursions(problem, arc) if run[0] == i]
+            if own:
+                _, bound, span, t, _ = max(own, key=lambda run: run[-1])
+                yield held(now, i, bound, span)
+                yield insert(now, i, bound, t)
+
+
+def _excursions(
+    problem: Problem, arc: Arc
+) -> Iterator[tuple[int, Mode, tuple[float, float], float, float]]:
+    """Yield where a law leaves the box on an arc: the control, the bound, from when to when, and
+    when it is how far outside.
+    """
+    for i, (low, high) in enumerate(problem.box.T):
+        sides = (Mode("lower"), low - arc.u[i]), (Mode("upper"), arc.u[i] - high)
+        for bound, excess in sides:
+            out = np.flatnonzero(excess > OUTSIDE * (high - low))
+            for run in np.split(out, np.flatnonzero(np.diff(out) > 1) + 1):
+                if run.size:
+                    k = run[np.argmax(excess[run])]
+                    span = float(arc.t[run[0]]), float(arc.t[run[-1]])
+                    yield i, bound, span, float(arc.t[k]), float(excess[k])
 
 
 def _violated(problem: Problem, now: Candidate) -> Iterator[Candidate]:

@@ -5,7 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from socp.errors import LateError
 from socp.model import FEASIBLE, Arc, Problem, Solution, legendre_coefficients, once
+from socp.process import in_time
 from socp.verdict import moved, verify
 
 
@@ -14,14 +16,19 @@ def own_motion(problem: Problem, direct: Solution) -> Solution:
     the motion and the objective of that control.
 
     A polynomial control that jumps leaves its box between its nodes: it is held at its mean on
-    every interval then, which does as much and stays inside. What is found is kept.
+    every interval then, which does as much and stays inside. What is found is kept; where the time
+    allowed ends first, the solution comes back as it is, not verified.
     """
-    return _own(direct, problem)
+    try:
+        return _own(direct, problem)
+    except LateError:
+        return direct
 
 
 @once
 def _own(direct: Solution, problem: Problem) -> Solution:
     seen = verify(problem, direct)[0]
+    in_time("its own motion")
     found = direct
     if seen.box > FEASIBLE and not direct.lawful:
         found = moved(problem, replace(direct, arcs=tuple(_held(each) for each in direct.arcs)))
@@ -30,7 +37,9 @@ def _own(direct: Solution, problem: Problem) -> Solution:
     if found is not direct:
         told = f"the objective is that of its own control, its grid claims {direct.objective:.8g}"
         found = replace(found, message="; ".join(filter(None, (direct.message, told))))
-    return found.with_judgement(verified=verify(problem, found))
+    found = found.with_judgement(verified=verify(problem, found))
+    in_time("its own motion")
+    return found
 
 
 def _held(arc: Arc) -> Arc:

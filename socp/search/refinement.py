@@ -11,7 +11,7 @@ import numpy as np
 from socp.errors import MethodError, SolveError
 from socp.laws import arc_modes
 from socp.methods import Follower, follow_word, polished
-from socp.model import Condition, Problem, Solution, Stop, Watch, Word, scales, silent
+from socp.model import EXTREMAL, Condition, Problem, Solution, Stop, Watch, Word, scales, silent
 from socp.process import seconds_left
 from socp.search.candidate import Candidate
 from socp.search.effort import Ration, Search, clearly
@@ -156,15 +156,27 @@ def _late(problem: Problem, direct: Solution, search: Search) -> Iterator[list[C
 
 
 def solve_word(problem: Problem, now: Candidate, backend: Ration, watch: Watch) -> Solution | None:
-    """Solve along a candidate's word; None where there is no such programme."""
+    """Solve along a candidate's word; None where there is no such programme.
+
+    Where laws leave the box and all else is as the principle has it, that is what is returned:
+    where they are outside bounds belong, which the best motion inside the box hides.
+    """
     word, follower = Word(problem.control_names, now.arcs), Follower(longer=False, backend=backend)
+    shown = list[tuple[Solution, Solution]]()
+
+    def telling(outside: Solution) -> bool:
+        shown.append((outside, certified(problem, outside)))
+        verdict = shown[-1][1].verdict
+        return verdict is not None and verdict.residual <= EXTREMAL
+
     try:
-        solution = follow_word(problem, word, now.guess(), follower, watch)
+        solution = follow_word(problem, word, now.guess(), follower, watch, telling)
     except (MethodError, SolveError):
         return None
     if not solution.stop.ok:
         return solution
-    judged = certified(problem, solution)
+    known = next((judged for given, judged in shown if given is solution), None)
+    judged = known or certified(problem, solution)
     return _settled(problem, _sharpened(problem, word, judged, backend, watch))
 
 

@@ -2,6 +2,7 @@
 word.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
@@ -86,7 +87,7 @@ def clusters(outcomes: Sequence[Outcome], *, certified: bool = True) -> tuple[Cl
     """
     found: list[list[tuple[int, Solution]]] = []
     solved = [(each.number, each.solution) for each in outcomes if each.solution is not None]
-    for number, solution in sorted(solved, key=lambda pair: (pair[1].objective, pair[0])):
+    for number, solution in sorted(solved, key=lambda pair: (_value(pair[1]), pair[0])):
         home = next(
             (cluster for cluster in found if _together(cluster[0][1], solution, certified)), None
         )
@@ -104,8 +105,16 @@ def clusters(outcomes: Sequence[Outcome], *, certified: bool = True) -> tuple[Cl
 
 
 def _together(a: Solution, b: Solution, certified: bool) -> bool:
-    near = (_SAME if certified else _ALIKE) * max(abs(a.objective), abs(b.objective))
-    return abs(a.objective - b.objective) <= near and (a.word == b.word or not certified)
+    one, other = _value(a), _value(b)
+    if math.isinf(one) or math.isinf(other):
+        return one == other
+    near = (_SAME if certified else _ALIKE) * max(abs(one), abs(other))
+    return abs(one - other) <= near and (a.word == b.word or not certified)
+
+
+def _value(solution: Solution) -> float:
+    """Return the objective that a solution is told by, infinite where none is known."""
+    return math.inf if math.isnan(solution.told) else solution.told
 
 
 def residual(solution: Solution) -> float:

@@ -254,8 +254,8 @@ def limit_switches(
     watch: Watch = silent,
     backend: Backend | None = None,
 ) -> Solution:
-    """Return the best word of at most so many switches where a solution chatters, with the frontier
-    in its message.
+    """Return the best word of at most so many switches where a solution chatters, for each end of
+    a singular arc where it does, with the frontier in its message.
 
     Any other solution comes back as it is, as does one of so few switches that no such word is
     better than.
@@ -266,9 +266,12 @@ def limit_switches(
         or solution.extremal
         or not solution.stop.ok
         or not solution.structure
-        or not chattering(problem, solution)
     ):
         return solution
+    ends = max((_ends(solution, each) for each in chattering(problem, solution)), default=0)
+    if not ends:
+        return solution
+    at_most *= ends
     trials = _Trials(problem, at_most, 0.0, along_words(backend), watch, width=1)
     seen = _frontier(trials, arc_modes(problem), solution, every=False)
     rows = distinct_rows(seen)
@@ -280,6 +283,16 @@ def limit_switches(
     if not rows or (worse and len(solution.switches) <= at_most):
         return solution
     return replace(rows[-1].after(solution), message=f"{solution.message}; {summary(rows)}")
+
+
+def _ends(solution: Solution, control: str) -> int:
+    """Return how many ends of its longest singular arc a control that chatters may do so at: those
+    inside the horizon, 1 or 2.
+    """
+    row = solution.structure[control]
+    spans = {k: end - start for k, (mode, start, end) in enumerate(row) if mode == "s"}
+    longest = max(spans, key=lambda k: spans[k])
+    return (longest > 0) + (longest < len(row) - 1)
 
 
 def _everything(trials: _Trials, modes: Sequence[Modes], start: Solution) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from socp import laws
 from socp.model import (
     ACTIVE,
+    ROUNDED,
     TINY,
     Condition,
     Finding,
@@ -22,7 +23,10 @@ from socp.model import (
     Problem,
     Solution,
     end_values,
+    evaluate,
+    magnitude,
     mayer_function,
+    running_function,
 )
 from socp.transcription import lgr
 from socp.verdict.adjoint import AdjointSystem
@@ -52,6 +56,18 @@ def cost(problem: Problem, solution: Solution, samples: Samples) -> tuple[float,
     L = samples.values["L"].reshape(samples.intervals, samples.width)[:, :-1]
     mayer = float(mayer_function(problem)(*end_values(problem, solution)))
     return float((weights * L).sum()) + mayer, float((weights * np.abs(L)).sum()) + abs(mayer)
+
+
+def running_magnitude(along: AdjointSystem) -> np.ndarray:
+    """Return the magnitude (n,) of the running cost at the judge's nodes: its absolute value, and
+    what it changes by when every state changes by its own.
+    """
+    samples, running = along.samples, running_function(along.problem)
+
+    def at(states: np.ndarray) -> np.ndarray:
+        return evaluate(running, states, samples.u, samples.t, samples.p)[0].ravel()
+
+    return magnitude(at, samples.x, along.scale[:, None])
 
 
 def _motion(along: AdjointSystem) -> Finding:
@@ -92,6 +108,8 @@ def _motion(along: AdjointSystem) -> Finding:
 
 def _objective(along: AdjointSystem) -> Finding:
     value, size = cost(along.problem, along.solution, along.samples)
+    most = along.horizon * float(running_magnitude(along).max())
+    size = size if size > ROUNDED * most else most
     off = abs(along.solution.objective - value) / max(size, TINY)
     return Finding(
         kind=Condition.OBJECTIVE,

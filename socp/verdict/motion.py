@@ -14,6 +14,7 @@ import numpy as np
 
 from socp import laws
 from socp.model import (
+    EXTREMAL,
     ROUNDED,
     SAME_TIME,
     Arc,
@@ -25,6 +26,7 @@ from socp.model import (
     evaluate,
     fast,
     lagrange,
+    magnitude,
     numbers,
     of_motion,
     once,
@@ -33,6 +35,7 @@ from socp.model import (
     scales,
     time,
 )
+from socp.process import in_time
 from socp.transcription import knot_times
 from socp.verdict.simulation.steps import Flow, Plan, Steps
 
@@ -198,7 +201,7 @@ def travel(
     problem: Problem, solution: Solution, pieces: list[list[Piece]], log: Log
 ) -> tuple[np.ndarray, str]:
     """Integrate motion and running cost over all pieces; returns both at the end and, where it
-    breaks down, why.
+    breaks down, why. Raises LateError where the time allowed is over first.
     """
     p = parameters_of(problem, solution)
     y = np.append(np.clip(solution.arcs[0].x[:, 0], *problem.start_box), 0.0)
@@ -225,10 +228,22 @@ def travel(
 def running_size(problem: Problem, solution: Solution) -> float:
     """Return the integral of the running cost's absolute value at the returned nodes, 1 where that
     is none.
+
+    Where the motion takes the cost to zero what is left of it is rounding, which no integrator can
+    follow: it counts for no less than the judge can tell of what it is when states change by their
+    own magnitude.
     """
-    given = solution.rows("x"), solution.rows("u"), solution.t, parameters_of(problem, solution)
-    values = evaluate(running_function(problem), *given)[0].ravel()
-    found = float(np.nansum(0.5 * np.abs(values[1:] + values[:-1]) * np.diff(solution.t)))
+    x, u, t = solution.rows("x"), solution.rows("u"), solution.t
+    p, scale = parameters_of(problem, solution), scales(problem, solution)[:, None]
+    cost = running_function(problem)
+
+    def at(states: np.ndarray) -> np.ndarray:
+        return evaluate(cost, states, u, t, p)[0].ravel()
+
+    def whole(values: np.ndarray) -> float:
+        return float(np.nansum(0.5 * (values[1:] + values[:-1]) * np.diff(t)))
+
+    found = max(whole(np.abs(at(x))), EXTREMAL * whole(magnitude(at, x, scale)))
     return found if 0.0 < found < np.inf else 1.0
 
 
@@ -300,6 +315,7 @@ def _integrate(
         rate = solver.rate
     taken, stiff = 0, False
     while solver.status == "running":
+        in_time("re-integration")
         if looks.log.steps > _MANY and not stiff:
             solver = _scipy("LSODA", rate, (solver.t, piece.end), solver.y, **tolerance)
             stiff = True

@@ -3,6 +3,7 @@ linear programmes.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -12,6 +13,7 @@ from socp.model import EXTREMAL, ROUNDED, TINY, Condition, Finding
 from socp.process import output_discarded
 from socp.verdict import margins
 from socp.verdict.adjoint import AdjointSystem
+from socp.verdict.claims import running_magnitude
 from socp.verdict.conditions import Rows
 from socp.verdict.nodes import POINTS
 
@@ -39,7 +41,7 @@ class Case:
         terms = np.abs(v["L"]) + np.abs(self.along.costates.at(z) * v["f"]).sum(axis=0)
         return max(float(terms.max()), self.cost, TINY)
 
-    @property
+    @cached_property
     def cost(self) -> float:
         """Magnitude of the cost in units of the Hamiltonian: running, for the time, and for the
         states at the ends.
@@ -50,7 +52,7 @@ class Case:
         along, ends = self.along, self.along.ends
         states = float((np.abs(ends.slope_final) + np.abs(ends.slope_initial)) @ along.scale)
         running = float(np.abs(along.samples.values["L"]).max())
-        changed = float((np.abs(along.samples.values["Lx"]).T @ along.scale).max())
+        changed = float(running_magnitude(along).max())
         running = running if running > ROUNDED * changed else changed
         return max(running, abs(ends.slope_tf), abs(ends.slope_t0), states / along.horizon)
 

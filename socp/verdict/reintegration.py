@@ -8,7 +8,7 @@ from dataclasses import replace
 import casadi
 import numpy as np
 
-from socp.errors import MethodError
+from socp.errors import LateError, MethodError
 from socp.model import (
     EXTREMAL,
     FEASIBLE,
@@ -145,9 +145,27 @@ def verify(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
     feedback too.
 
     A solution keeps what was found for it: it is asked for more than once on the way to a certified
-    word.
+    word. Where the time allowed ends first, nothing is known, and it may be asked again.
     """
-    return _both(solution, problem)[0]
+    try:
+        return _both(solution, problem)[0]
+    except LateError as error:
+        return (_unknown(str(error)),)
+
+
+def _unknown(error: str) -> Feasibility:
+    """Return what is known of a control that was not integrated: nothing."""
+    off = math.inf
+    return Feasibility(
+        miss=off,
+        miss_at="",
+        path=off,
+        path_at="",
+        box=off,
+        drift=off,
+        feedback=False,
+        error=error,
+    )
 
 
 @once
@@ -171,7 +189,8 @@ def _both(solution: Solution, problem: Problem) -> tuple[tuple[Feasibility, ...]
 
 def moved(problem: Problem, solution: Solution) -> Solution:
     """Return a solution with the states and the objective that its control reaches by
-    re-integration in place of those that were claimed; as it is where that breaks down.
+    re-integration in place of those that were claimed; as it is where that breaks down. Raises
+    LateError where the time allowed is over first.
     """
     (seen, *_), x = _both(solution, problem)
     ends = np.cumsum([arc.t.size for arc in solution.arcs])

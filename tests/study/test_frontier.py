@@ -32,9 +32,11 @@ from socp.study.frontier import (
     distinct_rows,
     length_ratios,
     limit,
+    limit_switches,
     summary,
 )
 from socp.transcription.schemes import euler
+from socp.verdict import judge
 
 cart = carts.cart()
 
@@ -250,3 +252,25 @@ def test_frontier_prints_a_table_and_writes_the_best(
     assert told_["rows"] == [{"switches": 0, "objective": None}]
     assert told_["result"] is None
     assert not Path("f.json").exists()
+
+
+@pytest.mark.slow
+def test_switches_are_allowed_for_each_end_of_a_singular_arc_that_chatters() -> None:
+    squared = Problem(
+        name="both_ends",
+        running=carts.x**2 / 2,
+        dynamics={carts.x: carts.v, carts.v: carts.u},
+        bounds={carts.u: (-1, 1)},
+        start={carts.x: 2, carts.v: -2},
+        end={carts.x: 2, carts.v: 2},
+        final_time=8,
+    )
+    found = judge(
+        squared,
+        solve_collocated(
+            single_phase(squared), [uniform(euler(), 60)], Ipopt(), default_guess(squared)
+        ),
+    )
+    best = limit_switches(squared, found, 2)
+    assert 2 < len(best.switches) <= 4  # two for each end
+    assert best.objective == pytest.approx(1.55763990474, rel=1e-9)

@@ -86,8 +86,9 @@ def compare(
     """Solve a problem with several methods, each from the default guess, and print one table; no
     result is written.
 
-    Errors are to the best objective: the lowest of those that re-integration finds feasible to 1e-6
-    (relative), or else that of the most feasible solution. Exit code 0 if every method's solver met
+    Objectives are what controls reach by re-integration where a method claims another. Errors are
+    to the best one: the lowest of those that re-integration finds feasible to 1e-6 (relative), or
+    else that of the most feasible solution. Exit code 0 if every method's solver met
     its tolerances, 1 if one did not; how feasible each is stands in the table.
     """
     session.quiet = quiet = how["quiet"]
@@ -131,10 +132,10 @@ def best_of(rows: list[Row]) -> float:
     where none is.
     """
     found = [row.solution for row in rows if row.ok and row.solution is not None]
-    feasible = [solution.objective for solution in found if worst(solution) <= COMPARED]
+    feasible = [solution.told for solution in found if worst(solution) <= COMPARED]
     if feasible:
         return min(feasible)
-    return min(found, key=worst).objective if found else math.nan
+    return min(found, key=worst).told if found else math.nan
 
 
 def _rows(
@@ -184,9 +185,10 @@ def _solved(
 def _record(problem: "Problem", row: Row, best: float) -> dict[str, Any]:
     if row.solution is None:
         return {"method": row.method, "solved": False, "error": row.error}
-    objective = row.solution.objective
+    objective = row.solution.told
     known = {
         "objective": objective,
+        "claimed": row.solution.objective,
         "word": row.solution.word,
         "reference": to_reference(problem, row.solution),
     }
@@ -234,7 +236,7 @@ def _cells(problem: "Problem", row: Row, best: float) -> dict[str, str]:
     solution = row.solution
     if solution is None:
         return {"N": "-", "objective": "not solved"}
-    objective = solution.objective
+    objective = solution.told
     cells = {
         "N": str(solution.t.size),
         "objective": f"{objective:.10g}",

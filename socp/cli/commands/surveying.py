@@ -155,7 +155,8 @@ def _record(cluster: "Cluster") -> dict[str, Any]:
 def _solved(solution: "Solution") -> dict[str, Any]:
     verdict = solution.verdict
     return {
-        "objective": solution.objective,
+        "objective": solution.told,
+        "claimed": solution.objective,
         "final_time": solution.final_time,
         "word": solution.word,
         "switching_times": switching_times(solution),
@@ -230,7 +231,7 @@ def _table(title: str, clusters: "Sequence[Cluster]") -> Table:
 def _cells(solution: "Solution", starts: int) -> Mapping[str, str]:
     verdict = solution.verdict
     return {
-        "objective": f"{solution.objective:.10g}",
+        "objective": f"{solution.told:.10g}",
         "word": "\n".join(solution.word.split("; ")),
         "switching times": "\n".join(
             f"{name}: {times(each, 7)}" for name, each in switching_times(solution).items()
