@@ -1,4 +1,5 @@
 from .deadline import in_time as in_time
+from .deadline import overtime as overtime
 from .deadline import seconds_left as seconds_left
 from .deadline import time_limit as time_limit
 from .files import read_text as read_text

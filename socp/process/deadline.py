@@ -22,6 +22,18 @@ def time_limit(seconds: float) -> Iterator[None]:
         _UNTIL.reset(token)
 
 
+@contextmanager
+def overtime(seconds: float) -> Iterator[None]:
+    """Allow what runs inside so many seconds even where fewer are left: it is what a result cannot
+    do without.
+    """
+    token = _UNTIL.set(max(_UNTIL.get(), time.monotonic() + seconds))
+    try:
+        yield
+    finally:
+        _UNTIL.reset(token)
+
+
 def seconds_left() -> float:
     """Return the seconds that are left, at least 0; infinite where no time is set."""
     return max(_UNTIL.get() - time.monotonic(), 0.0)

@@ -21,7 +21,7 @@ from socp.model import (
     Watch,
     silent,
 )
-from socp.process import seconds_left, time_limit
+from socp.process import overtime, seconds_left, time_limit
 from socp.search.effort import Ration, Search, clearly, off, precedes
 from socp.search.motions import own_motion
 from socp.search.refinement import refine
@@ -41,6 +41,9 @@ _NEXT = (  # what reads words in another way than this search does
     "other words: -m mboc searches all of few switches, -m lgr-multiphase -o word='...' tries one"
 )
 _JUDGED = 2.0  # times what the solution before it took: solving and judging another one
+# Seconds, where the time is over: what is returned is known by the motion of its own control, which
+# is stiff where that takes longer
+_OWN = 5.0
 _TOLERANCE = 1e-7  # of those: a solution is compared by its re-integration
 # Relative: two certified objectives of one extremal differ by less
 _SAME = 1e-6
@@ -231,10 +234,13 @@ def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -
     if not worth:
         return judge(problem, min(directs, key=lambda each: each.objective)) if directs else None
     worth.sort(key=lambda each: -each.arcs[0].t.size)  # coarse ones miss most of what they claim
+    with overtime(_OWN):
+        first = own_motion(problem, worth[0])
     with time_limit(seconds_left() / 2.0):
-        best = _first([own_motion(problem, each) for each in _while_time(worth)])
+        best = _first([first, *(own_motion(problem, each) for each in _while_time(worth[1:]))])
     began = time.monotonic()
-    best = judge(problem, best)
+    with overtime(_OWN):
+        best = judge(problem, best)
     for mesh in finer.meshes:
         spent = _JUDGED * (time.monotonic() - began)  # the next takes no less, and as much to solve
         if seconds_left() <= spent:
@@ -248,9 +254,9 @@ def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -
 
 
 def _while_time(solutions: Sequence[Solution]) -> Iterator[Solution]:
-    """Yield the first one, and others as long as time is left."""
-    for k, each in enumerate(solutions):
-        if k and seconds_left() <= 0.0:
+    """Yield solutions as long as time is left."""
+    for each in solutions:
+        if seconds_left() <= 0.0:
             return
         yield each
 
