@@ -3,8 +3,9 @@ is left open.
 """
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import final
 
 from socp.errors import SolveError
@@ -26,7 +27,7 @@ from socp.search.effort import Ration, Search, clearly, off, precedes
 from socp.search.motions import own_motion
 from socp.search.refinement import refine
 from socp.solvers import Backend, default_backend
-from socp.transcription import Mesh, euler, knotted, single_phase, trapezoid
+from socp.transcription import Mesh, euler, knotted, radau_iia, single_phase, trapezoid
 from socp.verdict import certified, chattering, graded, judge, verify
 
 # Iterations times variables from a point that betters a certified one: half of what a search may do
@@ -35,6 +36,9 @@ _WORDS = 20  # words tried there
 # Of the objective: a coarse grid that claims so much less than a certified solution is worth a
 # finer one
 _FAR = 0.05
+# Intervals with held controls, and points on each: what is lost goes with an interval's square, and
+# the motion is integrated to the digits of what it is compared with
+_HELD, _POINTS = 200, 3
 _STEPS = 800, 400  # of finer grids, after 20 to 200 intervals of the first solves
 _MORE = 4  # times the seconds that were not enough: what is advised next
 _NEXT = (  # what reads words in another way than this search does
@@ -225,7 +229,8 @@ def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -
     feasible.
 
     The grids on which words are looked for are coarse, and their controls often miss what they
-    claim: it is solved on finer ones too, whose controls keep their box between the nodes.
+    claim: it is solved on finer ones too, whose controls keep their box between the nodes; first
+    with controls that are held over every interval, which do what they claim and do not ring.
     """
     problem, feasible = finer.problem, word is not None and off(word) <= FEASIBLE
     worth = [
@@ -241,13 +246,13 @@ def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -
     began = time.monotonic()
     with overtime(_OWN):
         best = judge(problem, best)
-    for mesh in finer.meshes:
+    for solve in finer.ways:
         spent = _JUDGED * (time.monotonic() - began)  # the next takes no less, and as much to solve
         if seconds_left() <= spent:
             break
         began = time.monotonic()
         with time_limit(seconds_left() - spent):
-            found = finer(best, mesh)
+            found = solve(best)
         if found is not None and found.stop.ok:
             best = _first([best, judge(problem, own_motion(problem, found))])
     return best
@@ -307,11 +312,21 @@ class _Finer:
         made = [knotted(self.problem, each, n) for each, n in zip(schemes, _STEPS, strict=True)]
         return made[0], made[1]
 
-    def __call__(self, known: Solution, mesh: Mesh) -> Solution | None:
-        """Solve on another mesh; None where that fails."""
+    @property
+    def ways(self) -> Iterator[Callable[[Solution], Solution | None]]:
+        """Ways to solve from a solution on finer grids, one after the other."""
+        mesh = knotted(self.problem, radau_iia(_POINTS), _HELD)
+        yield partial(self, mesh=mesh, held=True)
+        yield from (partial(self, mesh=mesh) for mesh in self.meshes)
+
+    def __call__(self, known: Solution, mesh: Mesh, *, held: bool = False) -> Solution | None:
+        """Solve on another mesh, its controls held over every interval or not; None where that
+        fails.
+        """
         backend = self.backend.within(_TOLERANCE).limited(_ITERATIONS)
+        phased = single_phase(self.problem).with_phases(held=held)
         try:
-            return solve_collocated(single_phase(self.problem), [mesh], backend, known, self.watch)
+            return solve_collocated(phased, [mesh], backend, known, self.watch)
         except SolveError:
             return None
 

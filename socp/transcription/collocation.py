@@ -59,6 +59,7 @@ def collocate(
     defects = [_defects(grid, rows, k) for k in range(len(phased.phases))]
     for k, at in enumerate(defects):
         _dynamics(grid, rows, terms, k, at)
+        _hold(grid, rows, k)
     path = _path(grid, rows, terms)
     _conditions(grid, rows, terms)
     layout = _layout(grid, rows, defects, path)
@@ -162,6 +163,23 @@ def _dynamics(grid: Grid, rows: _Rows, terms: Terms, k: int, defects: slice) -> 
     given += [grid.p[:, None], grid.Z[k][:, None], grid.lengths[k : k + 1, None]]
     rows_, places, factors = (np.concatenate(each) for each in zip(*entries, strict=True))
     terms.add(point, given, (rows_, places, factors), cost.ravel())
+
+
+def _hold(grid: Grid, rows: _Rows, k: int) -> None:
+    """Add that the free controls of a phase are constant over every interval, where they are
+    held.
+    """
+    t, phase = grid.tables[k], grid.phased.phases[k]
+    if not phase.held:
+        return
+    side = "left" if t.side == "right" else "right"
+    interval = np.searchsorted(t.mesh, t.collocated, side=side)
+    pairs = np.flatnonzero(np.diff(interval) == 0)
+    V, size = grid.V[k].T, grid.scale.control(phase)
+    at = rows.add(pairs.size * size.size, 0.0, 0.0, size)
+    row, factor = np.arange(at.start, at.stop), 1.0 / rows.sizes[-1]
+    rows.linear.append((row, V[pairs + 1].ravel(), factor))
+    rows.linear.append((row, V[pairs].ravel(), -factor))
 
 
 def _laws(grid: Grid, k: int) -> list[tuple[Expr, float, float, float]]:

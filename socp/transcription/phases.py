@@ -67,10 +67,11 @@ class Phase:
     that vanish where it ends; `kept` names the state constraints that the law itself keeps from its
     entry on, `touched` those that the entry itself keeps at zero where the arc begins: imposed
     again, they would be dependent. `length` bounds the arc's length; `boxed` imposes the box on the
-    values of the law, which a right word keeps by itself. `when` is a time between the two knots of
-    the problem that an arc's piece lies between, None where it does not: the functions are smooth
-    there, those of that time. Where there is a `choice`, `control` depends on its binaries too, and
-    `modes` is what the arc is taken for while they are not known.
+    values of the law, which a right word keeps by itself; `held` keeps free controls constant over
+    every interval of its mesh, whose scheme collocates one end. `when` is a time between the two
+    knots of the problem that an arc's piece lies between, None where it does not: the functions are
+    smooth there, those of that time. Where there is a `choice`, `control` depends on its binaries
+    too, and `modes` is what the arc is taken for while they are not known.
     """
 
     modes: Modes
@@ -83,6 +84,7 @@ class Phase:
     touched: frozenset[str] = frozenset()
     length: tuple[float, float] = (0.0, np.inf)
     boxed: bool = False
+    held: bool = False
     carried: Expr = field(default_factory=partial(column, ()))
     carried_rate: Expr = field(default_factory=partial(column, ()))
     choice: Choice | None = None
