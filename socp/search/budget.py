@@ -13,7 +13,7 @@ from socp.methods import motions, scouts_from_motions, solve_directly
 from socp.model import Problem, Solution, Stop, Watch, silent, staged
 from socp.process import seconds_left, time_limit
 from socp.search.effort import Ration, Search, along_words, off, precedes
-from socp.search.motions import own_motion
+from socp.search.motions import held_solution, own_motion
 from socp.search.neighbours import word_of
 from socp.search.refinement import refine, try_words
 from socp.solvers import Backend
@@ -55,6 +55,8 @@ _SCOUTING = _FIRST / 2.0
 _MOVING = 0.4
 # Of the time that a round has, at most: stiff motions of many solutions take longer than a word
 _LOOKING = 0.25
+# Of the time that the rounds have, at most: what is returned where no word is certified
+_HOLDING = 0.4
 _STARTS = 3  # solutions in hand from which a round starts; others are worse
 # Relative: a grid whose control takes the states further from what it claims has not followed the
 # motion, and is no start
@@ -87,8 +89,9 @@ def escalate(
 
     first: the guess, None where no other is to be tried, the steps of the first grids, and the
     solver of direct problems. Motions are tried where no direct solution is that of its own
-    control. What is solved joins the direct solutions; where none ever is, there are no words to
-    read. Where the best word chatters, no number of words certifies one.
+    control; the best one is solved again with controls that are held over every interval. What is
+    solved joins the direct solutions; where none ever is, there are no words to read. Where the
+    best word chatters, no number of words certifies one.
     """
     guess, steps, backend = first
     lost = not _done(problem, search) and not any(_followed(problem, each) for each in directs)
@@ -97,6 +100,8 @@ def escalate(
             directs += scouts_from_motions(problem, guess, staged(watch, "motions"), backend)
         if directs and directs[-1].stop is Stop.INTERRUPTED:
             raise KeyboardInterrupt
+    if not _done(problem, search):
+        directs += _held(problem, directs, backend, _staged(watch, "held controls"))
     for number, more in enumerate(ROUNDS, 2):
         if (
             _done(problem, search)
@@ -139,6 +144,20 @@ def _round(
             refine(problem, own if off(own) <= _CLAIMED else direct, search, watch)
             if search.over:
                 return
+
+
+def _held(
+    problem: Problem, directs: Sequence[Solution], backend: Backend, watch: Watch
+) -> list[Solution]:
+    """Return what the best direct solution comes to with held controls, nothing where that
+    fails.
+    """
+    with time_limit(_HOLDING * seconds_left()):
+        best = next((each for each in _starts(problem, directs) if each.stop.ok), None)
+        found = None if best is None else held_solution(problem, best, backend, watch)
+    if found is not None and found.stop is Stop.INTERRUPTED:
+        raise KeyboardInterrupt
+    return [found] if found is not None and found.stop.ok else []
 
 
 def _done(problem: Problem, search: Search) -> bool:

@@ -24,10 +24,10 @@ from socp.model import (
 )
 from socp.process import overtime, seconds_left, time_limit
 from socp.search.effort import Ration, Search, clearly, off, precedes
-from socp.search.motions import own_motion
+from socp.search.motions import held_solution, own_motion
 from socp.search.refinement import refine
 from socp.solvers import Backend, default_backend
-from socp.transcription import Mesh, euler, knotted, radau_iia, single_phase, trapezoid
+from socp.transcription import Mesh, euler, knotted, single_phase, trapezoid
 from socp.verdict import certified, chattering, graded, judge, verify
 
 # Iterations times variables from a point that betters a certified one: half of what a search may do
@@ -36,9 +36,6 @@ _WORDS = 20  # words tried there
 # Of the objective: a coarse grid that claims so much less than a certified solution is worth a
 # finer one
 _FAR = 0.05
-# Intervals with held controls, and points on each: what is lost goes with an interval's square, and
-# the motion is integrated to the digits of what it is compared with
-_HELD, _POINTS = 200, 3
 _STEPS = 800, 400  # of finer grids, after 20 to 200 intervals of the first solves
 _MORE = 4  # times the seconds that were not enough: what is advised next
 _NEXT = (  # what reads words in another way than this search does
@@ -315,18 +312,14 @@ class _Finer:
     @property
     def ways(self) -> Iterator[Callable[[Solution], Solution | None]]:
         """Ways to solve from a solution on finer grids, one after the other."""
-        mesh = knotted(self.problem, radau_iia(_POINTS), _HELD)
-        yield partial(self, mesh=mesh, held=True)
+        yield partial(held_solution, self.problem, backend=self.backend, watch=self.watch)
         yield from (partial(self, mesh=mesh) for mesh in self.meshes)
 
-    def __call__(self, known: Solution, mesh: Mesh, *, held: bool = False) -> Solution | None:
-        """Solve on another mesh, its controls held over every interval or not; None where that
-        fails.
-        """
+    def __call__(self, known: Solution, mesh: Mesh) -> Solution | None:
+        """Solve on another mesh; None where that fails."""
         backend = self.backend.within(_TOLERANCE).limited(_ITERATIONS)
-        phased = single_phase(self.problem).with_phases(held=held)
         try:
-            return solve_collocated(phased, [mesh], backend, known, self.watch)
+            return solve_collocated(single_phase(self.problem), [mesh], backend, known, self.watch)
         except SolveError:
             return None
 

@@ -1,14 +1,43 @@
-"""The motion of a direct solution's own control, in place of what its grid makes of it."""
+"""Controls that do what they claim: the motion of a direct solution's own control, in place of what
+its grid makes of it, and controls held over every interval.
+"""
 
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from socp.errors import LateError
-from socp.model import FEASIBLE, Arc, Problem, Solution, legendre_coefficients, once
+from socp.errors import LateError, SolveError
+from socp.methods import solve_collocated
+from socp.model import FEASIBLE, Arc, Problem, Solution, Watch, legendre_coefficients, once, silent
 from socp.process import in_time
+from socp.solvers import Backend
+from socp.transcription import knotted, radau_iia, single_phase
 from socp.verdict import moved, verify
+
+# Intervals with held controls, and points on each: what is lost goes with an interval's square, and
+# the motion is integrated to the digits of what it is compared with
+_HELD, _POINTS = 200, 3
+_TOLERANCE = 1e-7  # a direct solution is compared by its re-integration
+_ITERATIONS = 150  # from a solution nearby it takes some ten
+
+
+def held_solution(
+    problem: Problem, known: Solution, backend: Backend, watch: Watch = silent
+) -> Solution | None:
+    """Return a direct solution whose controls are held over every interval of a grid, from one that
+    is known; None where that fails.
+
+    It does what it claims, as its motion is of high order and its controls have no slopes, and does
+    not ring along singular arcs.
+    """
+    mesh = knotted(problem, radau_iia(_POINTS), _HELD)
+    phased = single_phase(problem).with_phases(held=True)
+    patient = backend.within(_TOLERANCE).limited(_ITERATIONS)
+    try:
+        return solve_collocated(phased, [mesh], patient, known, watch)
+    except SolveError:
+        return None
 
 
 def own_motion(problem: Problem, direct: Solution) -> Solution:

@@ -172,8 +172,8 @@ def _hold(grid: Grid, rows: _Rows, k: int) -> None:
     t, phase = grid.tables[k], grid.phased.phases[k]
     if not phase.held:
         return
-    side = "left" if t.side == "right" else "right"
-    interval = np.searchsorted(t.mesh, t.collocated, side=side)
+    ends = t.mesh[1:] if t.side == "right" else t.mesh[1:] - 1  # the last collocated ones
+    interval = np.searchsorted(ends, t.collocated)
     pairs = np.flatnonzero(np.diff(interval) == 0)
     V, size = grid.V[k].T, grid.scale.control(phase)
     at = rows.add(pairs.size * size.size, 0.0, 0.0, size)
