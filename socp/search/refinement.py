@@ -158,8 +158,8 @@ def _late(problem: Problem, direct: Solution, search: Search) -> Iterator[list[C
 def solve_word(problem: Problem, now: Candidate, backend: Ration, watch: Watch) -> Solution | None:
     """Solve along a candidate's word; None where there is no such programme.
 
-    Where laws leave the box and all else is as the principle has it, that is what is returned:
-    where they are outside bounds belong, which the best motion inside the box hides.
+    Where laws clearly leave the box and all else is as the principle has it, that is what is
+    returned: where they are outside bounds belong, which the best motion inside the box hides.
     """
     word, follower = Word(problem.control_names, now.arcs), Follower(longer=False, backend=backend)
     shown = list[tuple[Solution, Solution]]()
@@ -167,7 +167,7 @@ def solve_word(problem: Problem, now: Candidate, backend: Ration, watch: Watch) 
     def telling(outside: Solution) -> bool:
         shown.append((outside, certified(problem, outside)))
         verdict = shown[-1][1].verdict
-        return verdict is not None and verdict.residual <= EXTREMAL
+        return verdict is not None and verdict.residual <= EXTREMAL and not verdict.feasible
 
     try:
         solution = follow_word(problem, word, now.guess(), follower, watch, telling)
