@@ -9,6 +9,7 @@ import re
 import traceback
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, is_dataclass
+from functools import cache
 from importlib import metadata, util
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, final
@@ -80,7 +81,7 @@ def points(group: str) -> list[metadata.EntryPoint]:
     """
 
     def rank(point: metadata.EntryPoint) -> tuple[bool, str, str]:
-        distribution = point.dist.name.lower() if point.dist else ""
+        distribution = _told(point.dist)[0].lower() if point.dist else ""
         return distribution != "socp", distribution, point.name
 
     return sorted(metadata.entry_points(group=group), key=rank)
@@ -88,7 +89,14 @@ def points(group: str) -> list[metadata.EntryPoint]:
 
 def package(point: metadata.EntryPoint) -> str:
     """Return the distribution of an entry point with its version."""
-    return f"{point.dist.name} {point.dist.version}" if point.dist else "unknown"
+    return " ".join(_told(point.dist)) if point.dist else "unknown"
+
+
+@cache
+def _told(distribution: metadata.Distribution) -> tuple[str, str]:
+    """Return the name of a distribution and its version: both take reading all that it says."""
+    told = distribution.metadata
+    return told["Name"], told["Version"]
 
 
 def origin(target: str) -> str:
