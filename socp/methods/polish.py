@@ -49,8 +49,9 @@ def polished(
         objective=abs(cost - there.cost) / max(abs(cost), TINY),
         switches=float(np.abs(np.cumsum(moved[: 1 + len(arcs)])).max()),
     )
-    lifted = finer.shooting.lifted(there.at + moved, cost)
-    return rejoin(lifted, known.pieces).with_judgement(agreement=agreement)
+    found = rejoin(finer.shooting.lifted(there.at + moved, cost), known.pieces)
+    best = replace(solution, arcs=found.arcs, objective=cost, parameters=found.parameters)
+    return best.with_judgement(agreement=agreement)
 
 
 def limits_met(

@@ -182,7 +182,7 @@ def word_problem(problem: Problem, solution: Solution, points: int) -> WordProbl
 
 
 def _arrays(arc: Arc) -> list[np.ndarray]:
-    return [arc.t, arc.x, arc.u, arc.costate, arc.mesh]
+    return [arc.t, arc.x, arc.u, arc.costate, arc.mesh, *arc.multipliers.values()]
 
 
 def _laid(problem: Problem, solution: Solution, points: int) -> WordProblem | None:

@@ -24,6 +24,7 @@ from socp.registry.plugins import Registry
 from socp.registry.standard import STANDARD, turning_back
 from socp.search.digits import with_agreement
 from socp.transcription.kinks import kinks
+from socp.verdict.accuracy import word_problem
 from socp.verdict.certify import judge
 from socp.view.report import agreed_digits, switch_error
 
@@ -465,3 +466,22 @@ def test_no_points_give_no_values() -> None:
         "f", [problem.x], [2 * problem.x, casadi.vertcat(problem.x, problem.x)]
     )
     assert [each.shape for each in numbers(function, np.empty((1, 0)))] == [(1, 0), (2, 0)]
+
+
+def test_a_word_is_laid_out_once_for_the_same_values(exact: Callable[[str], Solution]) -> None:
+    problem, base = KNOWN["minimum_time"].problem, exact("minimum_time")
+    known = word_problem(problem, base, 10)
+    assert known is not None
+    assert word_problem(problem, replace(base), 10) is known
+    for other in (replace(base, objective=base.objective + 1.0), moved_slightly(base)):
+        anew = word_problem(problem, other, 10)
+        assert anew is not None
+        assert anew is not known
+        assert anew.solution.objective == other.objective
+        assert np.array_equal(anew.solution.arcs[0].x, other.arcs[0].x)
+
+
+def moved_slightly(solution: Solution) -> Solution:
+    """Return a solution with a state moved by rounding."""
+    first, *rest = solution.arcs
+    return replace(solution, arcs=(replace(first, x=np.nextafter(first.x, np.inf)), *rest))
