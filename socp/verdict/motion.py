@@ -5,7 +5,7 @@ feedback.
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING, Any, final
 
@@ -188,13 +188,20 @@ class _Looks:
 
     def add(self, solver: Steps | OdeSolver, count: int) -> None:
         """Look at so many points of the last step, and compare the nodes within it."""
-        t = np.linspace(solver.t_old, solver.t, count + 1)[1:]
-        nodes = slice(*np.searchsorted(self.arc.t, [solver.t_old, solver.t], side="right"))
-        at = np.append(t, self.arc.t[nodes])
+        t = solver.t_old + (solver.t - solver.t_old) * _shares(count)
+        t[-1] = solver.t
+        nodes = slice(*self.arc.t.searchsorted((solver.t_old, solver.t), side="right"))
+        at = np.concatenate([t, self.arc.t[nodes]])
         x = (solver.between(at) if isinstance(solver, Steps) else solver.dense_output()(at))[:-1]
         self.t.append(t)
         self.x.append(x[:, :count])
-        self.log.compare(x[:, count:], self.arc.x[:, nodes])
+        if at.size > count:
+            self.log.compare(x[:, count:], self.arc.x[:, nodes])
+
+
+@cache
+def _shares(count: int) -> np.ndarray:
+    return np.arange(1, count + 1) / count
 
 
 def travel(
