@@ -101,7 +101,7 @@ def escalate(
         if directs and directs[-1].stop is Stop.INTERRUPTED:
             raise KeyboardInterrupt
     if not _done(problem, search):
-        directs += _held(problem, directs, backend, _staged(watch, "held controls"))
+        directs += _held(problem, directs, backend, staged(watch, "held controls"))
     for number, more in enumerate(ROUNDS, 2):
         if (
             _done(problem, search)
