@@ -2,6 +2,7 @@
 
 import click
 
+from socp.cli.commands.bounding import certificate_in, check_certificate
 from socp.cli.opening import open_result, problem_missing
 from socp.cli.outcome import require_option, required_rung
 from socp.cli.session import Exit, Session, heading, show, write_json
@@ -26,8 +27,12 @@ def check(
 
     Everything is worked out anew from the problem that the result carries, as data, and from its
     states and controls. Exit code 0 if the result is certified as an extremal, 1 if it is not or
-    cannot be read.
+    cannot be read. The certificate of a lower bound, as `socp bound` writes it, is checked instead:
+    exit code 0 if it proves its bound.
     """
+    certificate = certificate_in(result)
+    if certificate is not None:
+        return check_certificate(session, result, certificate, problem, as_json)
     from socp.verdict import judge, with_second_order
 
     solution, found = open_result(session, result, problem)

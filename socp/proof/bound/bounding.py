@@ -1,0 +1,313 @@
+"""The search for a lower bound: regions, degrees and sums of squares, until the time is up; what
+counts is what the checker makes of the certificate.
+"""
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from fractions import Fraction
+from math import floor, inf, isqrt, log10
+from typing import Any, final
+
+import numpy as np
+
+from socp.errors import SolveError
+from socp.model import Problem, Proof, Rung, Solution
+from socp.proof.bound.certificate import Data, certificate, function, proof
+from socp.proof.bound.checking import checked
+from socp.proof.bound.domain import WIDENINGS, Domain, Hull, Setting, domain, setting
+from socp.proof.bound.lifting import Limits, Polynomial, fraction, limits
+from socp.proof.bound.rounding import rounded, shown
+from socp.proof.bound.sets import Region, with_ranges
+from socp.proof.bound.squares import Blocks, monomials, solved
+from socp.proof.bound.subsolution import Ansatz, below, decrease, value
+
+SECONDS = 60.0
+_DEGREES = (2, 3, 4, 5, 6, 8, 10, 12)
+_EXIT_DEGREES = (4, 6)  # of the functions that close open sides: they need not be sharp
+_WIDER = 2.0  # a side that is reached too cheaply moves out by this factor
+_MORE = 0.1  # over the goal, relative: leaving need not be shown to cost more
+_ROUNDS = 8
+_WORTH = 0.98  # of the gap: a degree that leaves more of it was not worth it
+_STALLED = 2  # such degrees in a row, and no higher one is tried
+_FINE = 10**12  # of a square root
+_DIGITS = 10  # of a bound as it is stated, rounded down
+_GROWTH = 4.0  # a programme of the next degree takes this times as long at least
+
+
+@final
+class Clock:
+    """The seconds that are left."""
+
+    def __init__(self, seconds: float) -> None:
+        self._until = time.monotonic() + seconds
+
+    def __call__(self) -> float:
+        return self._until - time.monotonic()
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class LowerBound:
+    """A proved lower bound of a problem's optimum with its certificate, or why there is none."""
+
+    problem: str
+    bound: float | None = None
+    degree: int = 0
+    reason: str = ""
+    region: tuple[str, ...] = ()
+    certificate: Data = field(default_factory=dict, repr=False)
+    seconds: float = 0.0
+
+    def gap(self, solution: Solution) -> float | None:
+        """Return how far the optimum may be below a solution's objective, over its magnitude."""
+        if self.bound is None:
+            return None
+        size = max(abs(solution.objective), float(np.finfo(float).tiny))
+        return (solution.objective - self.bound) / size
+
+    def rungs(self, solution: Solution) -> tuple[Proof, ...]:
+        """Return what it proves of a solution as rungs of the ladder, none where it fails."""
+        gap = self.gap(solution)
+        if gap is None:
+            return ()
+        statement = (
+            f"within {100 * gap:.2g} %: no control is below {self.bound:.10g}, degree "
+            f"{self.degree}, checked in fractions"
+        )
+        return (Proof(rung=Rung.GLOBAL, margin=gap, statement=statement),)
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The bound as plain values, without its certificate."""
+        found = {"proved": self.bound is not None, **asdict(self)}
+        return {key: value for key, value in found.items() if key != "certificate"}
+
+    @property
+    def lines(self) -> list[tuple[str, str]]:
+        """The bound as lines of a report: labels and texts."""
+        if self.bound is None:
+            return [("no bound", self.reason)]
+        return [
+            ("proved", f"no admissible control has a lower objective than {self.bound:.10g}"),
+            ("region", ", ".join(self.region) or "every state"),
+            ("subsolution", f"degree {self.degree}, {self.seconds:.1f} s"),
+            ("arithmetic", "sums of squares, checked in fractions"),
+        ]
+
+
+def lower_bound(
+    problem: Problem,
+    solution: Solution | None = None,
+    seconds: float = SECONDS,
+    degree: int | None = None,
+) -> LowerBound:
+    """Return a proved lower bound of a problem's optimum.
+
+    A solution shows where trajectories of interest are, and what leaving the region should cost; it
+    is not believed. `degree` is that of the subsolution, the largest that the time allows if None.
+    Raises SolveError where python-flint is missing.
+    """
+    began = time.perf_counter()
+    found = LowerBound(problem=problem.name)
+    try:
+        for each in _bounds(setting(problem), solution, Clock(seconds), degree):
+            found = each
+    except SolveError as error:
+        found = found if found.bound is not None else replace(found, reason=str(error))
+    return replace(found, seconds=time.perf_counter() - began)
+
+
+def _bounds(
+    given: Setting, solution: Solution | None, clock: Clock, degree: int | None
+) -> Iterator[LowerBound]:
+    """Yield better and better bounds: of functions that are linear in what nothing depends on, then
+    of such as bend in it too.
+    """
+    best: LowerBound | None = None
+    reason = SolveError("there was no time for it")
+    idle = given.idle()
+    for also in [set[int](), idle] if idle else [set[int]()]:
+        try:
+            for each in _climbed(given, solution, also, clock, degree):
+                if best is None or (each.bound or 0.0) > (best.bound or 0.0):
+                    best = each
+                    yield each
+        except SolveError as error:
+            reason = error
+    if best is None:
+        raise reason
+
+
+def _climbed(
+    given: Setting, solution: Solution | None, also: set[int], clock: Clock, degree: int | None
+) -> Iterator[LowerBound]:
+    """Yield the bounds of one region by rising degrees, as long as they rise."""
+    hull, goal = _hull(given, solution), None if solution is None else solution.objective
+    region, exits = _closed(given, hull, also | given.bounded(), goal, clock)
+    reason: SolveError | None = SolveError("there was no time for it")
+    spent, before, stalled = 0.0, inf, 0
+    for each in _DEGREES if degree is None else (degree,):
+        if spent * _GROWTH > clock():
+            break
+        began = time.monotonic()
+        try:
+            found = _certified(given, region, exits, each, clock)
+        except SolveError as error:
+            reason = reason and error
+            continue
+        spent = time.monotonic() - began
+        yield found
+        reason = None
+        gap = inf if goal is None else goal - (found.bound or 0.0)
+        stalled = stalled + 1 if gap > before * _WORTH and goal is not None else 0
+        if stalled == _STALLED:
+            return
+        before = min(gap, before)
+    if reason is not None:
+        raise reason
+
+
+def _certified(
+    given: Setting, region: Region, exits: Sequence[Data], degree: int, clock: Clock
+) -> LowerBound:
+    ansatz = _ansatz(given, region, degree)
+    ends = below(ansatz, "at the end", _ends(given, region), given.final)
+    its = _subsolution(given, ansatz, ends, clock)
+    found = certificate(given, region, its, exits)
+    low = _down(checked({**found, "bound": None}))
+    found["bound"] = str(low)
+    return LowerBound(
+        problem=given.problem.name, bound=float(low), degree=degree,
+        region=tuple(_told(given, region)), certificate=found,
+    )
+
+
+def _down(value: Fraction) -> Fraction:
+    """Return a decimal that is no larger."""
+    if not value:
+        return value
+    grain = Fraction(10) ** (_DIGITS - 1 - floor(log10(abs(value))))
+    return Fraction(floor(value * grain)) / grain
+
+
+def _told(given: Setting, region: Region) -> Iterator[str]:
+    for name, (low, high) in zip(given.names, region.box, strict=False):
+        if low is not None and high is not None:
+            yield f"{name} in [{float(low):.4g}, {float(high):.4g}]"
+
+
+def _subsolution(
+    given: Setting, ansatz: Ansatz, ends: Any, clock: Clock, enough: float | None = None
+) -> Data:
+    demands = [*decrease(ansatz, 1, given.running, given.vertices), ends]
+    blocks = [Blocks.of(each) for each in demands]
+    found = solved(value(ansatz, given.start()), blocks, clock, enough)
+    coefficients = rounded(found.coefficients)
+    proofs = [
+        proof(shown(its, coefficients, grams))
+        for its, grams in zip(blocks, found.grams, strict=True)
+    ]
+    return {
+        "function": function(ansatz.monomials, coefficients),
+        "proofs": proofs,
+        "value": found.value,
+    }
+
+
+def _ansatz(given: Setting, region: Region, degree: int) -> Ansatz:
+    """Return the functions of a degree: variables that enter through functions alone are linear."""
+    lift, caps, appear = given.lift, dict[int, int](), given.appear()
+    through = {
+        k for _, _, of in lift.functions for k, n in enumerate(of.degrees()[: lift.base]) if n > 0
+    }
+    for k in range(lift.base + len(lift.functions)):
+        if k == given.time and (given.free or k in through and k not in appear):
+            continue
+        if region.bounded(k) and (k not in through or k in appear):
+            caps[k] = degree
+        elif k < lift.base:
+            caps[k] = 1
+    return Ansatz(region, monomials(region, caps, degree))
+
+
+def _ends(given: Setting, region: Region) -> Region:
+    """Return admissible ends within a region."""
+    lift, box = given.lift, list(region.box[: given.lift.base])
+    guards = [each for p, equal in lift.target for each in ((-p, p) if equal else (-p,))]
+    for k in range(lift.base):
+        its = given.given("end", k)
+        if k == given.time:
+            its = (None, None) if given.free else limits(given.problem.statement["final_time"])
+        box[k] = _both(box[k], its)
+        for guard in guards:
+            most = _disc(guard, k)
+            box[k] = box[k] if most is None else _both(box[k], (-most, most))
+    return Region(lift, with_ranges(lift, box), [*region.guards, *guards])
+
+
+def _disc(guard: Polynomial, place: int) -> Fraction | None:
+    """Return the largest modulus of a variable where constant - squares is at least zero."""
+    terms = {tuple(map(int, e)): fraction(c) for e, c in guard.to_dict().items()}
+    square = tuple(2 if k == place else 0 for k in range(len(guard.degrees())))
+    constant = terms.pop((0,) * len(square), Fraction(0))
+    plain = all(c < 0 and not any(n % 2 for n in e) for e, c in terms.items())
+    if not plain or square not in terms or constant < 0:
+        return None
+    over = constant / -terms[square]
+    return Fraction(isqrt(over.numerator * _FINE**2 // over.denominator) + 1, _FINE)
+
+
+def _both(a: Limits, b: Limits) -> Limits:
+    low = max((x for x in (a[0], b[0]) if x is not None), default=None)
+    high = min((x for x in (a[1], b[1]) if x is not None), default=None)
+    return low, high
+
+
+def _hull(given: Setting, solution: Solution | None) -> Hull:
+    """Return where trajectories of interest are, by state."""
+    found = {}
+    for k, name in enumerate(given.names[: given.time]):
+        known = [float(x) for its in (given.given("start", k), given.given("end", k)) for x in its if x is not None]
+        if solution is not None:
+            known += [float(x) for arc in solution.arcs for x in (np.min(arc.x[k]), np.max(arc.x[k]))]
+        found[name] = (min(known), max(known))
+    return found
+
+
+def _closed(
+    given: Setting, hull: Hull, also: set[int], goal: float | None, clock: Clock
+) -> tuple[Region, list[Data]]:
+    """Return a region with functions that close its open sides, which move out until leaving
+    through them costs as much as the goal.
+    """
+    widening: dict[tuple[int, int], float] = {}
+    for _ in range(_ROUNDS):
+        found, cheap, exits = domain(given, hull, widening, also), [], []
+        for place, side in found.exits:
+            its = _exit(given, found, place, side, goal, clock)
+            exits.append(its)
+            if goal is not None and its["value"] < goal:
+                cheap.append((place, side))
+        if not cheap:
+            break
+        widening |= {each: widening.get(each, WIDENINGS[1]) * _WIDER for each in cheap}
+    return found.region, exits
+
+
+def _exit(
+    given: Setting, found: Domain, place: int, side: int, goal: float | None, clock: Clock
+) -> Data:
+    """Return a function that is at most zero where an open side is left."""
+    region, lift = found.region, given.lift
+    box = list(region.box[: lift.base])
+    box[place] = (box[place][side],) * 2  # type: ignore[assignment]
+    face = Region(lift, with_ranges(lift, box), region.guards)
+    its: Data = {}
+    enough = None if goal is None else goal + abs(goal) * _MORE
+    for degree in _EXIT_DEGREES:
+        ansatz = _ansatz(given, region, degree)
+        its = _subsolution(given, ansatz, below(ansatz, "exit", face, lift.zero), clock, enough)
+        if goal is None or its["value"] >= goal:
+            break
+    return {**its, "variable": place, "side": side}

@@ -1,0 +1,380 @@
+"""`socp check CERTIFICATE`: that a certificate proves a lower bound of its problem's optimum."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from fractions import Fraction
+from itertools import product
+from math import inf
+from typing import Any, final
+
+from socp.errors import SolveError
+from socp.proof.bound.checker import (
+    Box,
+    Ends,
+    Model,
+    Poly,
+    around,
+    by,
+    image,
+    plus,
+    polynomial,
+    put,
+    ranged,
+    require,
+    root,
+    slope,
+)
+
+FORMAT = "socp bound 1"
+_ZERO, _ONE = Fraction(0), Fraction(1)
+# What a file that is no certificate raises somewhere
+_BROKEN = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, StopIteration, RecursionError)
+
+
+def checked(certificate: Mapping[str, Any]) -> Fraction:
+    """Return the lower bound that a certificate proves; SolveError says what it does not show."""
+    try:
+        return Check(certificate).bound()
+    except _BROKEN as error:
+        raise SolveError(f"no certificate: {type(error).__name__}: {error}") from error
+
+
+def interval(given: Sequence[Any]) -> tuple[Fraction | None, Fraction | None]:
+    """Return fractions around an interval of a statement, None where it has no end."""
+    low, high = (float(each) for each in given)
+    return (
+        None if low == -inf else around(low)[0],
+        None if high == inf else around(high)[1],
+    )
+
+
+@final
+class Check:
+    """One certificate."""
+
+    def __init__(self, certificate: Mapping[str, Any]) -> None:
+        require(certificate["format"] == FORMAT, f"the format {FORMAT}")
+        self.certificate, self.statement = certificate, certificate["problem"]
+        self.model = model = Model(self.statement, certificate["functions"])
+        self.time = model.places["t"]
+        self.vertices = self._vertices()
+        self.running, self.final = model.of(self.statement["running"]), model.of(
+            self.statement["minimise"]
+        )
+        self.free = float(self.statement["final_time"][1]) == inf
+        self.rate = _ZERO  # what the running cost is at least, where the horizon is free
+        if self.free:
+            self._free_time()
+        self.box = self._ranges(certificate["box"])
+        self.path = [model.relation(k)[0] for k in self.statement["path"].values()]
+        self.start = self._start()
+        self.exits = {(each["variable"], each["side"]): each for each in certificate["exits"]}
+        for k in range(len(model.base)):
+            self._sides(k)
+
+    # -- what is bounded
+
+    def bound(self) -> Fraction:
+        """Return the lower bound: the value at the start, or that of leaving the region."""
+        ends = self._ends()
+        found = self._value(self.certificate["value"], _ONE, [(ends, self.final, self._target())])
+        for each in self.exits.values():
+            require(self._nothing_after(), "that nothing is gained after leaving the region")
+            k, side = each["variable"], each["side"]
+            face = list(self.certificate["box"][: len(self.model.base)])
+            face[k] = [face[k][side]] * 2
+            found = min(found, self._value(each, _ONE, [(self._ranges(face), {}, [])]))
+        stated = self.certificate["bound"]
+        require(stated is None or Fraction(stated) <= found, "the bound that is stated")
+        return found if stated is None else Fraction(stated)
+
+    def _value(
+        self, given: Mapping[str, Any], weight: Fraction, ends: Sequence[tuple[Box, Poly, Any]]
+    ) -> Fraction:
+        """Return what a function proves: its value at the start, less its defects."""
+        model, proofs = self.model, iter(given["proofs"])
+        value = self._function(given["function"])
+        losses = [_ZERO]
+        for vertex in self.vertices:
+            rate = plus({}, put(self.running, vertex), weight)
+            for k in range(model.size):
+                part = slope(value, k)
+                rate = plus(rate, by(part, put(model.rates[k], vertex))) if part else rate
+            losses.append(self._shown(next(proofs), rate, self.box, self._inside()))
+        most, missed = max(losses), _ZERO
+        for box, final, guards in ends:
+            missed = max(missed, self._shown(
+                next(proofs), plus(final, value, -_ONE), box, [*self._inside(), *guards]
+            ))
+        start = ranged(value, self.start)
+        require(start is not None, "the value at the start")
+        low = (_ZERO if start is None else start[0]) - missed
+        if not self.free:
+            first, last = self.statement["initial_time"][0], self.statement["final_time"][1]
+            return low - most * (around(float(last))[1] - around(float(first))[0])
+        require(self.rate > 0 and not self.final, "that time costs something")
+        require(low >= 0, "a bound that is not negative")
+        return low / (1 + most / self.rate)
+
+    def _function(self, given: Sequence[Any]) -> Poly:
+        """Return a function given in coordinates of the region's box as one of the variables."""
+        p = polynomial(given, self.model.count)
+        maps = {}
+        for k in range(self.model.size):
+            low, high = self.box[k] or (-_ONE, _ONE)
+            require(high > low, "a box with an interior")
+            maps[k] = plus(
+                {e: 2 * c / (high - low) for e, c in self.model.variable(k).items()},
+                self.model.number(-(high + low) / (high - low)),
+            )
+        return put(p, maps)
+
+    def _shown(self, proof: Sequence[Any], p: Poly, box: Box, guards: Sequence[Poly]) -> Fraction:
+        """Return how far a polynomial may be below zero on a box where all guards are at least
+        zero: what is left of it without squares times guards.
+        """
+        model, circles = self.model, self.model.circles(box)
+        maps, unit = {}, [_ZERO, _ZERO]
+        for k in range(model.size):
+            its = box[k]
+            if its is not None:
+                unit = [(its[1] + its[0]) / 2, (its[1] - its[0]) / 2]
+                maps[k] = plus(model.number(unit[0]), model.variable(k), unit[1])
+        left = put(p, maps)
+        require(all(not n or k in maps for e in left for k, n in enumerate(e)), "a bounded region")
+        for guard, basis, rows, scale in proof:
+            require(scale > 0, "a scale")
+            sum_of_squares = squares([monomial(each, model.count) for each in basis], rows)
+            factor = self._guard(guard, maps, guards)
+            left = plus(left, by(sum_of_squares, factor), Fraction(-1, scale**2))
+        for s, c in circles:
+            left = on_circle(left, s, c)
+        return sum((abs(each) for each in left.values()), _ZERO)
+
+    def _guard(self, given: Any, maps: Mapping[int, Poly], guards: Sequence[Poly]) -> Poly:
+        model = self.model
+        if given == "one":
+            return model.number(_ONE)
+        kind, k = given
+        if kind == "box":
+            require(k in maps, "a bounded variable")
+            square = by(model.variable(k), model.variable(k))
+            return plus(model.number(_ONE), square, -_ONE)
+        return put(guards[k], maps)
+
+    # -- regions
+
+    def _ranges(self, given: Sequence[Any]) -> Box:
+        """Return a box of the variables, with the ranges of functions on it worked out anew."""
+        model = self.model
+        box: Box = [None] * model.count
+        for k in range(len(model.base)):
+            its = given[k]
+            box[k] = None if its is None else (Fraction(its[0]), Fraction(its[1]))
+            require(its is None or Fraction(its[0]) <= Fraction(its[1]), "a box")
+        for k, (name, of) in enumerate(model.functions):
+            box[len(model.base) + k] = short(image(name, ranged(of, box)))
+        return box
+
+    def _inside(self) -> list[Poly]:
+        """Return what is at least zero along every admissible trajectory."""
+        return [plus({}, each, -_ONE) for each in self.path]
+
+    def _start(self) -> Box:
+        given: list[Any] = [
+            interval(self.statement["start"].get(name, (-inf, inf))) for name in self.model.base
+        ]
+        given[self.time] = interval(self.statement["initial_time"])
+        for k, its in enumerate(given):
+            require(None not in its, f"a start with {self.model.base[k]}")
+            bounds = self.box[k]
+            require(bounds is None or bounds[0] <= its[0] and its[1] <= bounds[1] or k == self.time,
+                    "that the start is in the region")
+        return self._ranges(given)
+
+    def _target(self) -> list[Poly]:
+        """Return what is at least zero at admissible ends."""
+        found = []
+        for k in self.statement["target"].values():
+            p, equal = self.model.relation(k)
+            found.append(plus({}, p, -_ONE))
+            found += [p] if equal else []
+        return found
+
+    def _ends(self) -> Box:
+        """Return the box of admissible ends: of the region, end values and target conditions."""
+        model, found = self.model, list(self.box)
+        for k, name in enumerate(model.base):
+            its = self.statement["end"].get(name, (-inf, inf))
+            if k == self.time:
+                its = self.statement["final_time"]
+            found[k] = both(found[k], interval(its))
+            for guard in self._target():
+                most = disc(guard, k)
+                found[k] = found[k] if most is None else both(found[k], (-most, most))
+        return self._ranges([None if each is None else list(each) for each in found[: len(model.base)]])
+
+    def _sides(self, k: int) -> None:
+        """Require that no admissible trajectory leaves the region through the sides of a variable,
+        other than through those with a function of its own.
+        """
+        if self.box[k] is None:
+            return
+        name, box = self.model.base[k], self.box[k] or (_ZERO, _ZERO)
+        if k == self.time:
+            first, last = self.statement["initial_time"][0], self.statement["final_time"][1]
+            times = box[0] <= around(float(first))[0] and around(float(last))[1] <= box[1]
+            require(not self.free and times, "a region of all times")
+            return
+        low, high = interval(self.statement["bounds"].get(name, (-inf, inf)))
+        for side, limit, sign in ((0, low, -1), (1, high, 1)):
+            bounded = limit is not None and (limit - box[side]) * sign <= 0
+            if not bounded and (k, side) not in self.exits:
+                require(self._kept(k, side, sign), f"that {name} stays on side {side}")
+
+    def _kept(self, k: int, side: int, sign: int) -> bool:
+        """Tell whether a variable cannot leave through a side: where it is there, it does not move
+        outward; or there is too little time to get there.
+        """
+        face = [None if each is None else list(each) for each in self.box[: len(self.model.base)]]
+        box = self.box[k] or (_ZERO, _ZERO)
+        outward = self._outward(k, self._ranges([*face[:k], [box[side]] * 2, *face[k + 1 :]]), sign)
+        if outward is not None and outward <= 0:
+            return True
+        fastest = self._outward(k, self.box, sign)
+        if self.free or fastest is None:
+            return False
+        first, last = self.statement["initial_time"][0], self.statement["final_time"][1]
+        length = around(float(last))[1] - around(float(first))[0]
+        start = self.start[k] or (_ZERO, _ZERO)
+        return (start[side] - box[side]) * sign + length * max(fastest, _ZERO) <= 0
+
+    def _outward(self, k: int, box: Box, sign: int) -> Fraction | None:
+        """Return the most that a variable moves outward on a box, None where there is no most."""
+        fastest = []
+        for vertex in self.vertices:
+            its = ranged(put(self.model.rates[k], vertex), box)
+            fastest.append(None if its is None else its[1] if sign > 0 else -its[0])
+        return None if None in fastest else max(each for each in fastest if each is not None)
+
+    # -- data of the problem
+
+    def _vertices(self) -> list[dict[int, Poly]]:
+        """Return the vertices of the box of controls, and require that everything is affine."""
+        model, names = self.model, self.statement["controls"]
+        places = [model.places[name] for name in names]
+        for p in (*model.rates, model.of(self.statement["running"])):
+            require(all(sum(e[model.size :]) <= 1 for e in p), "that controls enter linearly")
+        ends = []
+        for name in names:
+            low, high = interval(self.statement["bounds"][name])
+            require(low is not None and high is not None, f"bounds of {name}")
+            ends.append([model.number(low or _ZERO), model.number(high or _ZERO)])
+        return [dict(zip(places, each, strict=True)) for each in product(*ends)]
+
+    def _free_time(self) -> None:
+        """Make the weight of a free final time a running cost, and see what costs at least."""
+        model, weight = self.model, slope(self.final, self.time)
+        constant = (0,) * model.count
+        require(set(weight) <= {constant}, "a final time that enters linearly")
+        rate = weight.get(constant, _ZERO)
+        first = interval(self.statement["initial_time"])[0]
+        require(first == 0, "a start at time zero")
+        self.final = plus(self.final, model.variable(self.time), -rate)
+        self.rate = rate if nonnegative(self.statement["nodes"], self.statement["running"]) else _ZERO
+        self.running = plus(self.running, model.number(rate))
+
+    def _nothing_after(self) -> bool:
+        """Tell whether what follows costs at least nothing, from everywhere."""
+        running = nonnegative(self.statement["nodes"], self.statement["running"])
+        constant = self.final.get((0,) * self.model.count, _ZERO)
+        return running and len(self.final) <= (constant != 0) and constant >= 0 and self.rate >= 0
+
+
+def nonnegative(nodes: Sequence[Any], place: int | None) -> bool:
+    """Tell whether an entry is at least zero by its operations alone."""
+    if place is None:
+        return True
+    node = nodes[place]
+    if isinstance(node, (int, float)):
+        return node >= 0
+    if isinstance(node, str):
+        return False
+    if node[0] in {"sq", "exp", "fabs"}:
+        return True
+    return node[0] in {"add", "mul", "div", "twice"} and all(nonnegative(nodes, k) for k in node[1:])
+
+
+def both(a: Any, b: Any) -> Ends | None:
+    """Return what two intervals have in common, None unless it has two ends."""
+    low = max((each[0] for each in (a, b) if each is not None and each[0] is not None), default=None)
+    high = min((each[1] for each in (a, b) if each is not None and each[1] is not None), default=None)
+    if low is None or high is None:
+        return None
+    require(low <= high, "that there are admissible ends")
+    return low, high
+
+
+def disc(guard: Poly, k: int) -> Fraction | None:
+    """Return the largest modulus of variable k where constant - squares is at least zero."""
+    constant, weight = _ZERO, _ZERO
+    for e, c in guard.items():
+        if not any(e):
+            constant = c
+            continue
+        require_even = all(n % 2 == 0 for n in e)
+        if not require_even or c > 0:
+            return None
+        if e[k] == 2 and sum(e) == 2:
+            weight = -c
+    return root(constant / weight) if weight and constant >= 0 else None
+
+
+def short(its: Ends | None) -> Ends | None:
+    """Return an interval with short ends that contains another."""
+    grain = 2**60
+    if its is None:
+        return None
+    low, high = (its[0] * grain).__floor__(), (its[1] * grain).__ceil__()
+    return Fraction(low, grain), Fraction(high, grain)
+
+
+def monomial(given: Sequence[Any], count: int) -> tuple[int, ...]:
+    """Return exponents of pairs (variable, power)."""
+    exponents = [0] * count
+    for k, n in given:
+        require(n > 0, "a monomial")
+        exponents[k] = n
+    return tuple(exponents)
+
+
+def squares(basis: Sequence[tuple[int, ...]], rows: Sequence[Sequence[int]]) -> Poly:
+    """Return the sum of squares of rows . basis, rows of whole numbers."""
+    columns = list(zip(*rows, strict=True))
+    require(not columns or len(columns) == len(basis), "rows of a basis")
+    require(all(type(each) is int for row in rows for each in row), "whole numbers")
+    found: dict[tuple[int, ...], int] = {}
+    for i, a in enumerate(basis if columns else ()):
+        for j in range(i + 1):
+            e = tuple(m + n for m, n in zip(a, basis[j], strict=True))
+            value = sum(map(int.__mul__, columns[i], columns[j]))
+            found[e] = found.get(e, 0) + (value if i == j else 2 * value)
+    return {e: Fraction(c) for e, c in found.items() if c}
+
+
+def on_circle(p: Poly, s: int, c: int) -> Poly:
+    """Return a polynomial with sin^2 as 1 - cos^2."""
+    found: Poly = {}
+    for e, value in p.items():
+        half, rest = divmod(e[s], 2)
+        term: Poly = {tuple(rest if k == s else n for k, n in enumerate(e)): value}
+        for _ in range(half):
+            up = {tuple(n + 2 * (k == c) for k, n in enumerate(f)): -v for f, v in term.items()}
+            term = plus(term, up)
+        found = plus(found, term)
+    return found
+
+
+def entries(given: Mapping[str, Any]) -> Iterator[Any]:
+    """Yield the functions of a certificate."""
+    yield given["value"]
+    yield from given["exits"]

@@ -1,0 +1,246 @@
+"""A region that no trajectory of interest leaves, or from which leaving costs enough."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import product
+from math import inf
+from typing import Any, final
+
+from socp.errors import SolveError
+from socp.model import Problem
+from socp.proof.bound.lifting import Lift, Limits, Polynomial, limits, span
+from socp.proof.bound.sets import Region, with_ranges
+from socp.proof.bound.subsolution import at_vertex
+
+Hull = Mapping[str, tuple[float, float]]
+
+_NOWHERE: Limits = (None, None)
+# How far a side stands from where trajectories of interest are, over their width: first tries
+WIDENINGS = (0.25, 0.5, 1.0, 2.0, 4.0)
+_GRAIN = 64  # sides are multiples of the width over it
+_SETTLED = 30  # rounds in which a reach box closes if it does, about the number of states
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """A problem as a bound needs it: polynomials, vertices of the box of controls (m, nu), running
+    and final cost with the weight of a free final time in the running cost, start and ends.
+    """
+
+    problem: Problem
+    lift: Lift
+    vertices: list[list[Fraction]]
+    running: Polynomial
+    final: Polynomial
+    free: bool
+    nothing_after: bool
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the base variables: states and time."""
+        return self.lift.names[: self.lift.base]
+
+    @property
+    def time(self) -> int:
+        """Place of the time."""
+        return self.lift.base - 1
+
+    @property
+    def length(self) -> Fraction:
+        """The longest horizon, where it is not free."""
+        last = limits(self.problem.statement["final_time"])[1]
+        first = limits(self.problem.statement["initial_time"])[0]
+        return (last or Fraction(0)) - (first or Fraction(0))
+
+    def given(self, table: str, place: int) -> Limits:
+        """Return the interval of a state in a table of the statement."""
+        its = self.problem.statement[table].get(self.names[place])
+        return _NOWHERE if its is None else limits(its)
+
+    def start(self) -> Region:
+        """Return the point at which trajectories start."""
+        box = [self.given("start", k) for k in range(self.lift.base)]
+        box[self.time] = limits(self.problem.statement["initial_time"])
+        return Region(self.lift, with_ranges(self.lift, box))
+
+    def fastest(self, place: int, box: Sequence[Limits]) -> Limits:
+        """Return the interval of a variable's rate on a box of the base variables."""
+        ranges = with_ranges(self.lift, box)
+        rates = [at_vertex(self.lift, self.lift.rates[place], v) for v in self.vertices]
+        ends = [span(rate, ranges) for rate in rates]
+        lows, highs = zip(*ends, strict=True)
+        return (
+            None if None in lows else min(lows),
+            None if None in highs else max(highs),
+        )
+
+    def idle(self) -> set[int]:
+        """Return the places of states that nothing depends on, not even through a function, and
+        that the problem leaves without bounds: functions may be linear in them on all states.
+        """
+        through = {
+            k for _, _, of in self.lift.functions for k, n in enumerate(of.degrees()) if n > 0
+        }
+        free = {k for k in range(self.time) if None in self.given("bounds", k)}
+        return free - self.appear() - through
+
+    def bounded(self) -> set[int]:
+        """Return the places of states that nothing depends on and that the problem bounds."""
+        through = {
+            k for _, _, of in self.lift.functions for k, n in enumerate(of.degrees()) if n > 0
+        }
+        return {k for k in range(self.time) if None not in self.given("bounds", k)} - through
+
+    def appear(self) -> set[int]:
+        """Return the places of base variables that rates, costs or constraints depend on, other
+        than through functions; what they are through functions is bounded anyway.
+        """
+        lift = self.lift
+        its = [*lift.rates, self.running, *lift.path]
+        return {
+            k for each in its for k, degree in enumerate(each.degrees()[: lift.base]) if degree > 0
+        }
+
+
+def setting(problem: Problem) -> Setting:
+    """Return the setting of a problem; SolveError says what has no bound yet."""
+    from socp.proof.bound.checking import nonnegative
+    from socp.proof.bound.lifting import lifted
+
+    statement = problem.statement
+    if statement["parameters"]:
+        raise SolveError("free parameters have no bound yet")
+    lift = lifted(problem)
+    boxes = [limits(statement["bounds"][lift.names[k]]) for k in lift.controls]
+    vertices = [[each or Fraction(0) for each in vertex] for vertex in product(*boxes)]
+    free = float(statement["final_time"][1]) == inf
+    running, cost = lift.running, lift.final
+    if free:
+        weight = cost.derivative(lift.base - 1)
+        if not weight.is_constant() or weight == 0:
+            raise SolveError("the horizon is free, and its length costs nothing")
+        running, cost = running + weight, cost - weight * lift.ring.gen(lift.base - 1)
+        if cost != 0:
+            raise SolveError("a final cost beside that of a free final time")
+    nothing = nonnegative(statement["nodes"], statement["running"]) and (
+        cost == 0 or cost.is_constant() and cost.leading_coefficient() > 0
+    )
+    found = Setting(problem, lift, vertices, running, cost, free, nothing)
+    for k, its in enumerate(found.start().box[: lift.base]):
+        if None in its:
+            raise SolveError(f"the start of '{lift.names[k]}' is not given")
+    return found
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Domain:
+    """A region with its open sides: (place, 0 below or 1 above), to be closed by a function."""
+
+    region: Region
+    exits: list[tuple[int, int]]
+
+
+def domain(
+    setting: Setting, hull: Hull, widening: Mapping[tuple[int, int], float], also: set[int]
+) -> Domain:
+    """Return a region around a hull of the states, with sides moved out by widenings over its
+    width; states that no rate depends on are bounded where they are in `also`.
+
+    Sides are those of the problem's bounds; else such as nothing crosses, for the motion there does
+    not lead outward; else such as the horizon is too short for; else open. SolveError names what
+    stays without bounds.
+    """
+    lift = setting.lift
+    wanted = setting.appear() | also
+    box: list[Limits] = [_NOWHERE] * lift.base
+    if not setting.free:
+        first, last = (setting.problem.statement[f"{each}_time"] for each in ("initial", "final"))
+        box[setting.time] = limits(first)[0], limits(last)[1]
+    elif setting.time in wanted:
+        raise SolveError("data depend on the time, and the horizon is free")
+    open_sides = []
+    for k in sorted(wanted - {setting.time}):
+        its = list(setting.given("bounds", k))
+        for side in (0, 1):
+            if its[side] is None:
+                open_sides.append((k, side))
+        box[k] = its[0], its[1]
+    reach = _reach(setting, box) if open_sides and not setting.free else list(box)
+    for k, side in open_sides:
+        ends = list(box[k])
+        ends[side] = _side(setting, hull, k, side, widening.get((k, side), WIDENINGS[1]))
+        box[k] = ends[0], ends[1]
+    exits = []
+    for k, side in open_sides:
+        _settle(setting, box, reach, (k, side), hull[setting.names[k]][0], exits)
+    return Domain(Region(lift, with_ranges(lift, box), [-each for each in lift.path]), exits)
+
+
+def _side(setting: Setting, hull: Hull, place: int, side: int, widening: float) -> Fraction:
+    low, high = hull[setting.names[place]]
+    width = (high - low) or max(abs(high), 1.0)
+    moved = low - widening * width if side == 0 else high + widening * width
+    grain = Fraction(width).limit_denominator(_GRAIN) / _GRAIN or Fraction(1, _GRAIN)
+    return round(Fraction(moved) / grain) * grain
+
+
+def _settle(
+    setting: Setting,
+    box: list[Limits],
+    reach: Sequence[Limits],
+    which: tuple[int, int],
+    low: float,
+    exits: list[tuple[int, int]],
+) -> None:
+    """Place a side where nothing crosses it if there is such a place near, else where the horizon
+    ends, else leave it open.
+    """
+    k, side = which
+    width = _width(box[k])
+    natural = [Fraction(0)] if side == 0 and low >= 0 else []
+    tries = [*natural, box[k][side], *(_moved(box[k][side], side, w * width) for w in WIDENINGS)]
+    for value in tries:
+        ends = [*box[k]]
+        ends[side] = value
+        face = [*box[:k], (value, value), *box[k + 1 :]]
+        speed = setting.fastest(k, face)[side]
+        if speed is not None and (speed <= 0 if side else speed >= 0):
+            box[k] = ends[0], ends[1]
+            return
+    if not setting.nothing_after:
+        if reach[k][side] is None:
+            raise SolveError(f"'{setting.names[k]}' has no bounds within the horizon")
+        box[k] = (reach[k][0], box[k][1]) if side == 0 else (box[k][0], reach[k][1])
+        return
+    exits.append(which)
+
+
+def _moved(value: Any, side: int, by: Fraction) -> Fraction:
+    return Fraction(value + by if side else value - by)
+
+
+def _width(its: Limits) -> Fraction:
+    low, high = its
+    return Fraction(0) if low is None or high is None else high - low
+
+
+def _reach(setting: Setting, box: Sequence[Limits]) -> list[Limits]:
+    """Return what the states can reach within the horizon, without bounds where that does not
+    close.
+    """
+    start, found = setting.start().box, list(box)
+    for _ in range(_SETTLED):
+        before = list(found)
+        for k in range(setting.time):
+            low, high = setting.fastest(k, found)
+            mine, its = start[k], setting.given("bounds", k)
+            if its[0] is None and low is not None and mine[0] is not None:
+                found[k] = mine[0] + setting.length * min(low, Fraction(0)), found[k][1]
+            if its[1] is None and high is not None and mine[1] is not None:
+                found[k] = found[k][0], mine[1] + setting.length * max(high, Fraction(0))
+        if before == found:
+            return found
+    return list(box)

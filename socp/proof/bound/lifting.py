@@ -1,0 +1,277 @@
+"""A problem as polynomials: functions such as tanh, sin or exp become variables of their own, whose
+rates are polynomials again.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from math import inf
+from typing import Any, final
+
+from socp.errors import SolveError
+from socp.model import Problem
+from socp.proof.balls import flint
+
+Polynomial = Any  # a flint.fmpq_mpoly
+Ends = tuple[Fraction, Fraction]
+Limits = tuple[Fraction | None, Fraction | None]
+
+# A float with no more digits than this is the decimal that somebody wrote; others, such as pi, are
+# enclosed
+_WRITTEN = 12
+_APART = Fraction(1, 10**15)  # relative; a float is nearer than this to what it stands for
+_POWER = 32  # the largest power that is multiplied out
+_PLAIN: Mapping[str, Callable[..., Polynomial]] = {
+    "add": lambda a, b: a + b,
+    "sub": lambda a, b: a - b,
+    "mul": lambda a, b: a * b,
+    "neg": lambda a: -a,
+    "sq": lambda a: a * a,
+    "twice": lambda a: 2 * a,
+}
+_LIFTED = {"exp", "sin", "cos", "tanh", "inv"}
+
+
+def enclosed(value: float) -> Ends:
+    """Return fractions around the number that a float stands for."""
+    exact = Fraction(repr(float(value)))
+    digits = repr(float(value)).partition("e")[0].replace("-", "").replace(".", "").strip("0")
+    apart = 0 if len(digits) <= _WRITTEN else abs(exact) * _APART
+    return exact - apart, exact + apart
+
+
+def limits(given: Any) -> Limits:
+    """Return fractions around an interval (low, high) of a statement, None where it has no end."""
+    low, high = (float(each) for each in given)
+    return (
+        None if low == -inf else enclosed(low)[0],
+        None if high == inf else enclosed(high)[1],
+    )
+
+
+@final
+@dataclass(eq=False)
+class Lift:
+    """The data of a problem as polynomials of states, parameters, time, `functions` and controls,
+    in this order.
+
+    A function is (operation, place of its name, polynomial that it is of). `rates` are those of all
+    variables but controls; running cost, final cost, path constraints c <= 0 and end conditions are
+    (polynomial, equality). `speed` is the weight of the final time in what is minimised, where that
+    is a running cost of its own.
+    """
+
+    names: list[str]
+    ring: Any
+    base: int
+    controls: list[int]
+    functions: list[tuple[str, int, Polynomial]] = field(default_factory=list)
+    rates: list[Polynomial] = field(default_factory=list)
+    running: Polynomial = None
+    final: Polynomial = None
+    path: list[Polynomial] = field(default_factory=list)
+    target: list[tuple[Polynomial, bool]] = field(default_factory=list)
+
+    @property
+    def zero(self) -> Polynomial:
+        """The polynomial that is zero."""
+        return self.ring.constant(0)
+
+    def of(self, name: str) -> int:
+        """Return the place of a variable."""
+        return self.names.index(name)
+
+
+def lifted(problem: Problem) -> Lift:
+    """Return a problem as polynomials; SolveError names what has no polynomial rate."""
+    statement = problem.statement
+    nodes = statement["nodes"]
+    wanted = sum(1 for each in nodes if isinstance(each, (list, tuple)))
+    base = [*statement["states"], *statement["parameters"], "t"]
+    spare = [f"f{k}" for k in range(2 * wanted)]
+    names = [*base, *spare, *statement["controls"]]
+    ring = flint().fmpq_mpoly_ctx.get(tuple(names), flint().Ordering.lex)
+    first = len(base) + len(spare)
+    lift = Lift(names, ring, len(base), list(range(first, len(names))))
+    reader = _Reader(lift, statement)
+    rates = [reader.at(statement["dynamics"][name]) for name in statement["states"]]
+    lift.running = lift.zero if statement["running"] is None else reader.at(statement["running"])
+    lift.final = lift.zero if statement["minimise"] is None else reader.at(statement["minimise"])
+    lift.path = [reader.relation(place)[0] for place in statement["path"].values()]
+    lift.target = [reader.relation(place) for place in statement["target"].values()]
+    one = ring.constant(1)
+    lift.rates = [*rates, *(lift.zero for _ in statement["parameters"]), one]
+    for operation, _, argument in lift.functions:
+        lift.rates.append(_rate(lift, operation, argument))
+    return lift
+
+
+def _rate(lift: Lift, operation: str, argument: Polynomial) -> Polynomial:
+    """Return the rate of a function by the chain rule."""
+    slope = lift.zero
+    for i, rate in enumerate(lift.rates):
+        part = argument.derivative(i)
+        if part != 0:
+            slope += part * rate
+    own = lift.ring.gen(len(lift.rates))
+    partner = {"sin": 1, "cos": -1}.get(operation, 0)
+    if partner:  # sine and cosine stand side by side
+        return partner * lift.ring.gen(len(lift.rates) + partner) * slope
+    return {"exp": own, "tanh": 1 - own * own, "inv": -own * own}[operation] * slope
+
+
+@final
+class _Reader:
+    """Entries of a statement as polynomials."""
+
+    def __init__(self, lift: Lift, statement: Mapping[str, Any]) -> None:
+        self._lift, self._nodes, self._bounds = lift, statement["nodes"], statement["bounds"]
+        self._initial = {f"{name}(t0)": name for name in statement["states"]}
+        self._known: dict[int, Polynomial] = {}
+
+    def at(self, place: int) -> Polynomial:
+        """Return the polynomial of an entry."""
+        if place not in self._known:
+            self._known[place] = self._read(place)
+        return self._known[place]
+
+    def relation(self, place: int) -> tuple[Polynomial, bool]:
+        """Return an entry that is a relation as (polynomial, equality): at most or equal to
+        zero.
+        """
+        node = self._nodes[place]
+        if node[0] not in {"le", "lt", "eq"}:
+            raise SolveError(f"the relation '{node[0]}' has no polynomial")
+        return self.at(node[1]) - self.at(node[2]), node[0] == "eq"
+
+    def _read(self, place: int) -> Polynomial:
+        node, lift = self._nodes[place], self._lift
+        if isinstance(node, str):
+            return self._symbol(node)
+        if isinstance(node, (int, float)):
+            return lift.ring.constant(_rational(Fraction(repr(float(node)))))
+        operation, given = node[0], node[1:]
+        if operation in {"pow", "constpow"}:
+            return self._power(self.at(given[0]), self._nodes[given[1]])
+        values = [self.at(each) for each in given]
+        if operation in _PLAIN:
+            return _PLAIN[operation](*values)
+        if operation == "div":
+            return values[0] * self._function("inv", values[1])
+        if operation == "fabs":
+            return self._size(values[0])
+        if operation in _LIFTED:
+            return self._function(operation, values[0])
+        raise SolveError(f"'{operation}' has no polynomial rate here")
+
+    def _symbol(self, name: str) -> Polynomial:
+        name = "t" if name == "tf" else name
+        if name not in self._lift.names:
+            raise SolveError(f"'{name}' in an objective or a condition has no bound yet")
+        return self._lift.ring.gen(self._lift.of(name))
+
+    def _power(self, of: Polynomial, exponent: Any) -> Polynomial:
+        if not isinstance(exponent, (int, float)) or exponent != int(exponent):
+            raise SolveError("a power that is no whole number has no polynomial rate here")
+        if abs(exponent) > _POWER:
+            raise SolveError(f"a power of {exponent:g} is too large")
+        found = of ** abs(int(exponent))
+        return self._function("inv", found) if exponent < 0 else found
+
+    def _size(self, of: Polynomial) -> Polynomial:
+        """Return the modulus of what has one sign by the bounds of the problem."""
+        low, high = span(of, [limits(self._bounds.get(name, (-inf, inf))) for name in self._names])
+        if low is not None and low >= 0:
+            return of
+        if high is not None and high <= 0:
+            return -of
+        raise SolveError("fabs of what the bounds give no sign has no polynomial")
+
+    @property
+    def _names(self) -> Sequence[str]:
+        return self._lift.names
+
+    def _function(self, operation: str, of: Polynomial) -> Polynomial:
+        lift = self._lift
+        if of.is_constant():
+            return self._number(operation, of)
+        if any(of.degrees()[k] > 0 for k in lift.controls):
+            raise SolveError(f"'{operation}' of a control")
+        pair = ("sin", "cos") if operation in {"sin", "cos"} else (operation,)
+        for k, (known, _, argument) in enumerate(lift.functions):
+            if known == operation and argument == of:
+                return lift.ring.gen(lift.base + k)
+        at = lift.base + len(lift.functions)
+        lift.functions += [(each, at + k, of) for k, each in enumerate(pair)]
+        return lift.ring.gen(at + pair.index(operation))
+
+    def _number(self, operation: str, of: Polynomial) -> Polynomial:
+        if operation == "inv" and of != 0:
+            return self._lift.ring.constant(1 / of.leading_coefficient())
+        raise SolveError(f"'{operation}' of a number is no fraction")
+
+
+def _rational(value: Fraction) -> Any:
+    return flint().fmpq(value.numerator, value.denominator)
+
+
+def fraction(value: Any) -> Fraction:
+    """Return a rational of flint as a fraction."""
+    return Fraction(int(value.p), int(value.q))
+
+
+def rational(value: Fraction) -> Any:
+    """Return a fraction as a rational of flint."""
+    return _rational(value)
+
+
+def span(of: Polynomial, box: Sequence[Limits]) -> Limits:
+    """Return an interval around the values of a polynomial on a box, None where it has no end."""
+    low: Fraction | None = Fraction(0)
+    high: Fraction | None = Fraction(0)
+    for exponents, coefficient in of.terms():
+        part: Limits = (Fraction(1), Fraction(1))
+        for its, exponent in zip(box, exponents, strict=True):
+            if exponent:
+                part = _times(part, _to_the(its, int(exponent)))
+        scale = fraction(coefficient)
+        part = _times(part, (scale, scale))
+        low = None if low is None or part[0] is None else low + part[0]
+        high = None if high is None or part[1] is None else high + part[1]
+    return low, high
+
+
+def _to_the(its: Limits, exponent: int) -> Limits:
+    low, high = its
+    powers = [None if each is None else each**exponent for each in its]
+    if exponent % 2:
+        return powers[0], powers[1]
+    most = None if None in powers else max(each for each in powers if each is not None)
+    if low is not None and low >= 0:
+        return powers[0], most
+    if high is not None and high <= 0:
+        return powers[1], most
+    return Fraction(0), most
+
+
+def _times(a: Limits, b: Limits) -> Limits:
+    if (Fraction(0), Fraction(0)) in (a, b):
+        return Fraction(0), Fraction(0)
+    ends = [
+        _product(x, y, i, j) for i, x in enumerate(a) for j, y in enumerate(b)
+    ]
+    return (
+        None if -inf in ends else min(each for each in ends),  # type: ignore[type-var]
+        None if inf in ends else max(each for each in ends),  # type: ignore[type-var]
+    )
+
+
+def _product(x: Fraction | None, y: Fraction | None, i: int, j: int) -> Any:
+    """Return the product of two ends, the lower one at place 0 and the upper one at 1."""
+    if x is not None and y is not None:
+        return x * y
+    if x == 0 or y == 0:
+        return Fraction(0)
+    sign_x = (1 if i else -1) if x is None else (1 if x > 0 else -1)
+    sign_y = (1 if j else -1) if y is None else (1 if y > 0 else -1)
+    return inf * sign_x * sign_y
