@@ -13,18 +13,19 @@ import numpy as np
 
 from socp.errors import SolveError
 from socp.model import Problem, Proof, Rung, Solution
-from socp.proof.bound.certificate import Data, certificate, function, proof
+from socp.proof.bound.certificate import Data, certificate, function, proof, stage
 from socp.proof.bound.checking import checked
-from socp.proof.bound.domain import WIDENINGS, Domain, Hull, Setting, domain, setting
+from socp.proof.bound.domain import Hull, Setting, domain, setting
 from socp.proof.bound.lifting import Limits, Polynomial, fraction, limits
 from socp.proof.bound.rounding import rounded, shown
 from socp.proof.bound.sets import Region, with_ranges
-from socp.proof.bound.squares import Blocks, monomials, solved
+from socp.proof.bound.squares import Blocks, Demand, monomials, solved
 from socp.proof.bound.subsolution import Ansatz, below, decrease, value
 
 SECONDS = 60.0
 _DEGREES = (2, 3, 4, 5, 6, 8, 10, 12)
 _EXIT_DEGREES = (4, 6)  # of the functions that close open sides: they need not be sharp
+_WIDE, _NARROW = 0.5, 0.25  # how far sides stand out at first, over the width
 _WIDER = 2.0  # a side that is reached too cheaply moves out by this factor
 _MORE = 0.1  # over the goal, relative: leaving need not be shown to cost more
 _ROUNDS = 8
@@ -44,6 +45,37 @@ class Clock:
 
     def __call__(self) -> float:
         return self._until - time.monotonic()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A problem, where its trajectories of interest are, and the objective of the best known."""
+
+    setting: Setting
+    hull: Hull
+    goal: float | None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A function: its value at the start, itself, and what a certificate says of it."""
+
+    value: float
+    function: Polynomial
+    data: Data
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """A region, the functions that close its open sides, and the subsolution on it."""
+
+    region: Region
+    exits: list[Found]
+    found: Found
+    degree: int
 
 
 @final
@@ -126,12 +158,17 @@ def _bounds(
     """
     best: LowerBound | None = None
     reason = SolveError("there was no time for it")
-    idle = given.idle()
-    for also in [set[int](), idle] if idle else [set[int]()]:
+    task = Task(given, _hull(given, solution), None if solution is None else solution.objective)
+    idle, stages = given.idle(), list[Stage]()
+    for also, inner in ((set[int](), False), *(((idle, False),) if idle else ()), (idle, True)):
+        if inner and (not stages or not stages[-1].exits):
+            break
+        outer = stages[-1:] if inner else []
         try:
-            for each in _climbed(given, solution, also, clock, degree):
+            for stage in _climbed(task, also | given.bounded(), outer, clock, degree):
+                each = _certified(task, [*outer, stage])
                 if best is None or (each.bound or 0.0) > (best.bound or 0.0):
-                    best = each
+                    best, stages = each, [*outer, stage]
                     yield each
         except SolveError as error:
             reason = error
@@ -140,27 +177,28 @@ def _bounds(
 
 
 def _climbed(
-    given: Setting, solution: Solution | None, also: set[int], clock: Clock, degree: int | None
-) -> Iterator[LowerBound]:
-    """Yield the bounds of one region by rising degrees, as long as they rise."""
-    hull, goal = _hull(given, solution), None if solution is None else solution.objective
-    region, exits = _closed(given, hull, also | given.bounded(), goal, clock)
+    task: Task, also: set[int], outer: Sequence[Stage], clock: Clock, degree: int | None
+) -> Iterator[Stage]:
+    """Yield functions on one region by rising degrees, as long as they rise."""
+    region, exits = _closed(task, also, outer, clock)
     reason: SolveError | None = SolveError("there was no time for it")
     spent, before, stalled = 0.0, inf, 0
     for each in _DEGREES if degree is None else (degree,):
         if spent * _GROWTH > clock():
             break
         began = time.monotonic()
+        ansatz = _ansatz(task.setting, region, each)
+        ends = below(ansatz, "at the end", _ends(task.setting, region), task.setting.final)
         try:
-            found = _certified(given, region, exits, each, clock)
+            found = _subsolution(task.setting, ansatz, ends, clock)
         except SolveError as error:
             reason = reason and error
             continue
         spent = time.monotonic() - began
-        yield found
+        yield Stage(region, exits, found, each)
         reason = None
-        gap = inf if goal is None else goal - (found.bound or 0.0)
-        stalled = stalled + 1 if gap > before * _WORTH and goal is not None else 0
+        gap = -found.value if task.goal is None else task.goal - found.value
+        stalled = stalled + 1 if task.goal is not None and gap > before * _WORTH else 0
         if stalled == _STALLED:
             return
         before = min(gap, before)
@@ -168,18 +206,17 @@ def _climbed(
         raise reason
 
 
-def _certified(
-    given: Setting, region: Region, exits: Sequence[Data], degree: int, clock: Clock
-) -> LowerBound:
-    ansatz = _ansatz(given, region, degree)
-    ends = below(ansatz, "at the end", _ends(given, region), given.final)
-    its = _subsolution(given, ansatz, ends, clock)
-    found = certificate(given, region, its, exits)
-    low = _down(checked({**found, "bound": None}))
+def _certified(task: Task, stages: Sequence[Stage]) -> LowerBound:
+    data = [stage(each.region, [e.data for e in each.exits], each.found.data) for each in stages]
+    found = certificate(task.setting, data)
+    low = _down(checked(found))
     found["bound"] = str(low)
     return LowerBound(
-        problem=given.problem.name, bound=float(low), degree=degree,
-        region=tuple(_told(given, region)), certificate=found,
+        problem=task.setting.problem.name,
+        bound=float(low),
+        degree=stages[-1].degree,
+        region=tuple(_told(task.setting, stages[-1].region)),
+        certificate=found,
     )
 
 
@@ -198,9 +235,9 @@ def _told(given: Setting, region: Region) -> Iterator[str]:
 
 
 def _subsolution(
-    given: Setting, ansatz: Ansatz, ends: Any, clock: Clock, enough: float | None = None
-) -> Data:
-    demands = [*decrease(ansatz, 1, given.running, given.vertices), ends]
+    given: Setting, ansatz: Ansatz, ends: Demand, clock: Clock, enough: float | None = None
+) -> Found:
+    demands = [*decrease(ansatz, given.running, given.vertices), ends]
     blocks = [Blocks.of(each) for each in demands]
     found = solved(value(ansatz, given.start()), blocks, clock, enough)
     coefficients = rounded(found.coefficients)
@@ -208,11 +245,8 @@ def _subsolution(
         proof(shown(its, coefficients, grams))
         for its, grams in zip(blocks, found.grams, strict=True)
     ]
-    return {
-        "function": function(ansatz.monomials, coefficients),
-        "proofs": proofs,
-        "value": found.value,
-    }
+    data = {"function": function(ansatz.monomials, coefficients), "proofs": proofs}
+    return Found(found.value, ansatz.combined(coefficients), data)
 
 
 def _ansatz(given: Setting, region: Region, degree: int) -> Ansatz:
@@ -276,38 +310,41 @@ def _hull(given: Setting, solution: Solution | None) -> Hull:
 
 
 def _closed(
-    given: Setting, hull: Hull, also: set[int], goal: float | None, clock: Clock
-) -> tuple[Region, list[Data]]:
+    task: Task, also: set[int], outer: Sequence[Stage], clock: Clock
+) -> tuple[Region, list[Found]]:
     """Return a region with functions that close its open sides, which move out until leaving
     through them costs as much as the goal.
     """
-    widening: dict[tuple[int, int], float] = {}
+    first = _NARROW if outer else _WIDE
+    widening = dict[tuple[int, int], float]()
     for _ in range(_ROUNDS):
-        found, cheap, exits = domain(given, hull, widening, also), [], []
-        for place, side in found.exits:
-            its = _exit(given, found, place, side, goal, clock)
+        found, cheap, exits = domain(task.setting, task.hull, widening, first, also), [], []
+        for side in found.exits:
+            its = _exit(task, found.region, side, outer, clock)
             exits.append(its)
-            if goal is not None and its["value"] < goal:
-                cheap.append((place, side))
+            if task.goal is not None and its.value < task.goal:
+                cheap.append(side)
         if not cheap:
             break
-        widening |= {each: widening.get(each, WIDENINGS[1]) * _WIDER for each in cheap}
+        widening |= {each: widening.get(each, first) * _WIDER for each in cheap}
     return found.region, exits
 
 
 def _exit(
-    given: Setting, found: Domain, place: int, side: int, goal: float | None, clock: Clock
-) -> Data:
-    """Return a function that is at most zero where an open side is left."""
-    region, lift = found.region, given.lift
+    task: Task, region: Region, side: tuple[int, int], outer: Sequence[Stage], clock: Clock
+) -> Found:
+    """Return a function that is at most the cost to go where an open side is left: nothing, or what
+    the region around this one says.
+    """
+    lift, (place, end) = region.lift, side
     box = list(region.box[: lift.base])
-    box[place] = (box[place][side],) * 2  # type: ignore[assignment]
+    box[place] = (box[place][end],) * 2  # type: ignore[assignment]
     face = Region(lift, with_ranges(lift, box), region.guards)
-    its: Data = {}
-    enough = None if goal is None else goal + abs(goal) * _MORE
+    floor = outer[-1].found.function if outer else lift.zero
+    enough = None if task.goal is None else task.goal + abs(task.goal) * _MORE
     for degree in _EXIT_DEGREES:
-        ansatz = _ansatz(given, region, degree)
-        its = _subsolution(given, ansatz, below(ansatz, "exit", face, lift.zero), clock, enough)
-        if goal is None or its["value"] >= goal:
+        ansatz = _ansatz(task.setting, region, degree)
+        its = _subsolution(task.setting, ansatz, below(ansatz, "exit", face, floor), clock, enough)
+        if task.goal is None or its.value >= task.goal:
             break
-    return {**its, "variable": place, "side": side}
+    return replace(its, data={**its.data, "variable": place, "side": end})

@@ -35,17 +35,25 @@ def proof(squares: Squares) -> list[Any]:
     ]
 
 
-def certificate(setting: Setting, region: Region, value: Data, exits: Sequence[Data]) -> Data:
+def stage(region: Region, exits: Sequence[Data], value: Data) -> Data:
+    """Return a region with the functions that hold on it as plain values."""
+    box = region.box[: region.lift.base]
+    return {
+        "box": [None if None in each else [str(end) for end in each] for each in box],
+        "exits": list(exits),
+        "value": value,
+    }
+
+
+def certificate(setting: Setting, stages: Sequence[Data]) -> Data:
     """Return a certificate, its bound to be filled in."""
     lift = setting.lift
-    box = region.box[: lift.base]
     return {
         "format": FORMAT,
         "problem": dict(setting.problem.statement),
         "functions": [[name, _polynomial(lift, of)] for name, _, of in lift.functions],
-        "box": [None if None in each else [str(end) for end in each] for each in box],
-        "value": value,
-        "exits": list(exits),
+        "stages": list(stages),
+        "bound": None,
     }
 
 

@@ -1,6 +1,6 @@
 """`socp check CERTIFICATE`: that a certificate proves a lower bound of its problem's optimum."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from itertools import product
 from math import inf
@@ -64,56 +64,84 @@ class Check:
         self.rate = _ZERO  # what the running cost is at least, where the horizon is free
         if self.free:
             self._free_time()
-        self.box = self._ranges(certificate["box"])
         self.path = [model.relation(k)[0] for k in self.statement["path"].values()]
-        self.start = self._start()
-        self.exits = {(each["variable"], each["side"]): each for each in certificate["exits"]}
-        for k in range(len(model.base)):
-            self._sides(k)
+        self.box: Box = []
+        self.exits: dict[tuple[int, int], Any] = {}
 
     # -- what is bounded
 
     def bound(self) -> Fraction:
-        """Return the lower bound: the value at the start, or that of leaving the region."""
-        ends = self._ends()
-        found = self._value(self.certificate["value"], _ONE, [(ends, self.final, self._target())])
-        for each in self.exits.values():
-            require(self._nothing_after(), "that nothing is gained after leaving the region")
-            k, side = each["variable"], each["side"]
-            face = list(self.certificate["box"][: len(self.model.base)])
-            face[k] = [face[k][side]] * 2
-            found = min(found, self._value(each, _ONE, [(self._ranges(face), {}, [])]))
+        """Return the lower bound: the last value at the start, or that of leaving a region.
+
+        Whoever leaves the last region goes on at the cost of the value of the region before, unless
+        that is left as well.
+        """
+        found: Fraction | None = None
+        floor: Poly | None = {} if self._nothing_after() else None
+        for stage in self.certificate["stages"]:
+            outer, self.box = self.box, self._ranges(stage["box"])
+            for its, wider in zip(self.box, outer, strict=False):
+                inside = wider is None or (
+                    its is not None and wider[0] <= its[0] and its[1] <= wider[1]
+                )
+                require(inside, "a region in the one before")
+            self.exits = {(each["variable"], each["side"]): each for each in stage["exits"]}
+            self.start = self._start()
+            for k in range(len(self.model.base)):
+                self._sides(k)
+            for each in self.exits.values():
+                left = self._left(stage["box"], each, floor)
+                found = left if found is None else min(left, found)
+            value, floor = self._value(
+                stage["value"], self._ends(), self.final, self._target()
+            )
+        require(bool(self.certificate["stages"]), "a region")
+        found = value if found is None else min(value, found)
         stated = self.certificate["bound"]
         require(stated is None or Fraction(stated) <= found, "the bound that is stated")
         return found if stated is None else Fraction(stated)
 
+    def _left(self, box: Sequence[Any], given: Mapping[str, Any], floor: Poly | None) -> Fraction:
+        """Return what leaving the region through a side costs at least."""
+        if floor is None:
+            raise SolveError("not shown: that nothing is gained after leaving the region")
+        face = list(box[: len(self.model.base)])
+        face[given["variable"]] = [face[given["variable"]][given["side"]]] * 2
+        return self._value(given, self._ranges(face), floor, [])[0]
+
     def _value(
-        self, given: Mapping[str, Any], weight: Fraction, ends: Sequence[tuple[Box, Poly, Any]]
-    ) -> Fraction:
-        """Return what a function proves: its value at the start, less its defects."""
+        self, given: Mapping[str, Any], ends: Box, final: Poly, guards: Sequence[Poly]
+    ) -> tuple[Fraction, Poly]:
+        """Return what a function proves: its value at the start, less its defects, and the function
+        less its defects, which is at most the cost from every point on.
+        """
         model, proofs = self.model, iter(given["proofs"])
         value = self._function(given["function"])
         losses = [_ZERO]
         for vertex in self.vertices:
-            rate = plus({}, put(self.running, vertex), weight)
+            rate = put(self.running, vertex)
             for k in range(model.size):
                 part = slope(value, k)
                 rate = plus(rate, by(part, put(model.rates[k], vertex))) if part else rate
             losses.append(self._shown(next(proofs), rate, self.box, self._inside()))
-        most, missed = max(losses), _ZERO
-        for box, final, guards in ends:
-            missed = max(missed, self._shown(
-                next(proofs), plus(final, value, -_ONE), box, [*self._inside(), *guards]
-            ))
+        end = plus(final, value, -_ONE)
+        missed = self._shown(next(proofs), end, ends, [*self._inside(), *guards])
+        most, share = max(losses), _ONE
+        if not self.free:
+            missed += most * (self._times()[1] - self._times()[0])
+        else:
+            require(self.rate > 0 and not self.final, "that time costs something")
+            share = 1 / (1 + most / self.rate)
         start = ranged(value, self.start)
         require(start is not None, "the value at the start")
         low = (_ZERO if start is None else start[0]) - missed
-        if not self.free:
-            first, last = self.statement["initial_time"][0], self.statement["final_time"][1]
-            return low - most * (around(float(last))[1] - around(float(first))[0])
-        require(self.rate > 0 and not self.final, "that time costs something")
-        require(low >= 0, "a bound that is not negative")
-        return low / (1 + most / self.rate)
+        require(not self.free or low >= 0, "a bound that is not negative")
+        return low * share, plus({}, plus(value, model.number(missed), -_ONE), share)
+
+    def _times(self) -> Ends:
+        """Return an interval around all times of a horizon that is not free."""
+        first, last = self.statement["initial_time"][0], self.statement["final_time"][1]
+        return around(float(first))[0], around(float(last))[1]
 
     def _function(self, given: Sequence[Any]) -> Poly:
         """Return a function given in coordinates of the region's box as one of the variables."""
@@ -221,9 +249,8 @@ class Check:
             return
         name, box = self.model.base[k], self.box[k] or (_ZERO, _ZERO)
         if k == self.time:
-            first, last = self.statement["initial_time"][0], self.statement["final_time"][1]
-            times = box[0] <= around(float(first))[0] and around(float(last))[1] <= box[1]
-            require(not self.free and times, "a region of all times")
+            times = not self.free and box[0] <= self._times()[0] and self._times()[1] <= box[1]
+            require(times, "a region of all times")
             return
         low, high = interval(self.statement["bounds"].get(name, (-inf, inf)))
         for side, limit, sign in ((0, low, -1), (1, high, 1)):
@@ -243,8 +270,7 @@ class Check:
         fastest = self._outward(k, self.box, sign)
         if self.free or fastest is None:
             return False
-        first, last = self.statement["initial_time"][0], self.statement["final_time"][1]
-        length = around(float(last))[1] - around(float(first))[0]
+        length = self._times()[1] - self._times()[0]
         start = self.start[k] or (_ZERO, _ZERO)
         return (start[side] - box[side]) * sign + length * max(fastest, _ZERO) <= 0
 
@@ -372,9 +398,3 @@ def on_circle(p: Poly, s: int, c: int) -> Poly:
             term = plus(term, up)
         found = plus(found, term)
     return found
-
-
-def entries(given: Mapping[str, Any]) -> Iterator[Any]:
-    """Yield the functions of a certificate."""
-    yield given["value"]
-    yield from given["exits"]

@@ -16,8 +16,8 @@ from socp.proof.bound.subsolution import at_vertex
 Hull = Mapping[str, tuple[float, float]]
 
 _NOWHERE: Limits = (None, None)
-# How far a side stands from where trajectories of interest are, over their width: first tries
-WIDENINGS = (0.25, 0.5, 1.0, 2.0, 4.0)
+# How far out a side is looked for that nothing crosses, over the width of the region
+_OUT = (0.25, 0.5, 1.0, 2.0, 4.0)
 _GRAIN = 64  # sides are multiples of the width over it
 _SETTLED = 30  # rounds in which a reach box closes if it does, about the number of states
 
@@ -144,10 +144,14 @@ class Domain:
 
 
 def domain(
-    setting: Setting, hull: Hull, widening: Mapping[tuple[int, int], float], also: set[int]
+    setting: Setting,
+    hull: Hull,
+    widening: Mapping[tuple[int, int], float],
+    first: float,
+    also: set[int],
 ) -> Domain:
     """Return a region around a hull of the states, with sides moved out by widenings over its
-    width; states that no rate depends on are bounded where they are in `also`.
+    width, `first` where there is none; states that no rate depends on are bounded where they are in `also`.
 
     Sides are those of the problem's bounds; else such as nothing crosses, for the motion there does
     not lead outward; else such as the horizon is too short for; else open. SolveError names what
@@ -157,8 +161,8 @@ def domain(
     wanted = setting.appear() | also
     box: list[Limits] = [_NOWHERE] * lift.base
     if not setting.free:
-        first, last = (setting.problem.statement[f"{each}_time"] for each in ("initial", "final"))
-        box[setting.time] = limits(first)[0], limits(last)[1]
+        begin, end = (setting.problem.statement[f"{each}_time"] for each in ("initial", "final"))
+        box[setting.time] = limits(begin)[0], limits(end)[1]
     elif setting.time in wanted:
         raise SolveError("data depend on the time, and the horizon is free")
     open_sides = []
@@ -171,7 +175,7 @@ def domain(
     reach = _reach(setting, box) if open_sides and not setting.free else list(box)
     for k, side in open_sides:
         ends = list(box[k])
-        ends[side] = _side(setting, hull, k, side, widening.get((k, side), WIDENINGS[1]))
+        ends[side] = _side(setting, hull, k, side, widening.get((k, side), first))
         box[k] = ends[0], ends[1]
     exits = []
     for k, side in open_sides:
@@ -201,7 +205,7 @@ def _settle(
     k, side = which
     width = _width(box[k])
     natural = [Fraction(0)] if side == 0 and low >= 0 else []
-    tries = [*natural, box[k][side], *(_moved(box[k][side], side, w * width) for w in WIDENINGS)]
+    tries = [*natural, box[k][side], *(_moved(box[k][side], side, w * width) for w in _OUT)]
     for value in tries:
         ends = [*box[k]]
         ends[side] = value

@@ -22,6 +22,16 @@ class Ansatz:
     region: Region
     monomials: list[Exponents]
 
+    def combined(self, coefficients: Sequence[Fraction]) -> Polynomial:
+        """Return a combination of the monomials as a polynomial of the variables."""
+        lift = self.region.lift
+        terms = zip(self.monomials, coefficients, strict=True)
+        its = lift.ring.from_dict({each: rational(c) for each, c in terms if c})
+        gens = lift.ring.gens()
+        used = its.degrees()
+        maps = [self.region.coordinate(k) if used[k] > 0 else gen for k, gen in enumerate(gens)]
+        return its.compose(*maps, ctx=lift.ring)
+
     def on(self, other: Region) -> list[Polynomial]:
         """Return the monomials as polynomials of the coordinates of another region."""
         lift = self.region.lift
@@ -70,12 +80,12 @@ def at_vertex(lift: Lift, given: Polynomial, vertex: Sequence[Fraction]) -> Poly
 
 
 def decrease(
-    ansatz: Ansatz, weight: int, running: Polynomial, vertices: Sequence[Sequence[Fraction]]
+    ansatz: Ansatz, running: Polynomial, vertices: Sequence[Sequence[Fraction]]
 ) -> Iterator[Demand]:
-    """Yield the inequality weight * running + dV/dt >= 0 at every vertex of the box of controls."""
+    """Yield the inequality running + dV/dt >= 0 at every vertex of the box of controls."""
     region, lift = ansatz.region, ansatz.region.lift
     for vertex in vertices:
-        cost = region.scaled(at_vertex(lift, running, vertex)) * weight
+        cost = region.scaled(at_vertex(lift, running, vertex))
         parts = ansatz.flow(vertex)
         full(lift, region, [cost, *parts])
         text = ", ".join(f"{lift.names[k]} = {float(u):g}" for k, u in zip(lift.controls, vertex, strict=True))
