@@ -71,7 +71,9 @@ def rest(degree: int = 6) -> LowerBound:
 
 def value(certificate: Data, at: np.ndarray) -> np.ndarray:
     """Return the subsolution of a certificate (m,) at points (n, m) of its base variables."""
-    ends = np.array([[float(Fraction(end)) for end in its] for its in certificate["stages"][-1]["box"]])
+    ends = np.array(
+        [[float(Fraction(end)) for end in its] for its in certificate["stages"][-1]["box"]]
+    )
     middle, radius = ends.mean(axis=1), np.ptp(ends, axis=1) / 2
     scaled = (at - middle[:, None]) / radius[:, None]
     found = np.zeros(at.shape[1])
@@ -107,7 +109,9 @@ def test_no_admissible_trajectory_costs_less() -> None:
     """Along motions under random controls cost so far + V never decreases within the region."""
     draw = np.random.default_rng(1)
     certificate, count, steps = rest().certificate, 1000, 200
-    (low, high), _ = ([float(Fraction(end)) for end in its] for its in certificate["stages"][-1]["box"])
+    (low, high), _ = (
+        [float(Fraction(end)) for end in its] for its in certificate["stages"][-1]["box"]
+    )
     t = draw.uniform(0, 2, count)
     states_ = draw.uniform(low, high, count)
     h = (2 - t) / steps

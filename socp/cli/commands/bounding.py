@@ -2,9 +2,9 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, final
 
 import click
 
@@ -22,7 +22,23 @@ if TYPE_CHECKING:
     from socp.registry import Registry
 
 ENDING = ".bound.json"
+_FORMAT = "socp bound "
 _LARGEST_DEGREE = 16  # a programme of it is beyond any machine's memory with two states already
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What the command line asked for."""
+
+    problem: str
+    changes: tuple[str, ...]
+    result: str | None
+    seconds: float
+    degree: int | None
+    out: Path | None
+    as_json: bool
+    quiet: bool
 
 
 @click.command()
@@ -52,18 +68,7 @@ _LARGEST_DEGREE = 16  # a programme of it is beyond any machine's memory with tw
 @click.option("--json", "as_json", is_flag=True, help="Write the bound as JSON.")
 @click.option("-q", "--quiet", is_flag=True, help="No messages.")
 @click.pass_obj
-def bound(
-    session: Session,
-    /,
-    problem: str,
-    changes: Sequence[str],
-    result: str | None,
-    seconds: float,
-    degree: int | None,
-    out: Path | None,
-    as_json: bool,
-    quiet: bool,
-) -> int:
+def bound(session: Session, /, **given: Any) -> int:
     """Prove that no admissible control has a lower objective than a bound.
 
     A subsolution of the Hamilton-Jacobi-Bellman equation is found by sums of squares; the
@@ -72,25 +77,30 @@ def bound(
     It needs python-flint: `pip install 'socp[prove]'`. Exit code 1 where there is no bound; the
     report says why.
     """
+    return _bounded(session, Asked(**given))
+
+
+def _bounded(session: Session, asked: Asked) -> int:
     from socp.proof import lower_bound
 
-    session.quiet = quiet
+    session.quiet = asked.quiet
     registry = session.registry()
-    posed = load_posed(problem, changes, registry)
-    path = writable(named_after(posed.name, ENDING) if out is None else out)
-    solution = _known(session, registry, posed, result)
-    found = lower_bound(posed, solution, seconds, degree)
+    problem = load_posed(asked.problem, asked.changes, registry)
+    path = writable(asked.out or named_after(problem.name, ENDING))
+    solution = _known(session, registry, problem, asked.result)
+    found = lower_bound(problem, solution, asked.seconds, asked.degree)
+    gap = found.gap(solution)
+    proved = replace(solution, proofs=found.rungs(solution))
     if found.bound is not None:
         path.write_text(json.dumps(found.certificate), encoding="utf-8")
-    proved = replace(solution, proofs=found.rungs(solution))
-    if as_json:
-        write_json({**found.data, "gap": found.gap(solution), "ladder": ladder(proved)})
+    if asked.as_json:
+        write_json({**found.data, "gap": gap, "ladder": ladder(proved)})
         return Exit.UNSOLVED if found.bound is None else Exit.SOLVED
     lines = [*found.lines, ("objective", f"{solution.objective:.12g}, {solution.word}")]
-    if found.bound is not None:
-        lines += [("gap", f"{100 * found.gap(solution):.3g} %"), ("rung", top_text(proved))]
+    if gap is not None:
+        lines += [("gap", f"{100 * gap:.3g} %"), ("rung", top_text(proved))]
         lines += [("certificate", str(path))]
-    show(heading(posed.name, posed.title), _table(lines))
+    show(heading(problem.name, problem.title), _table(lines))
     return Exit.UNSOLVED if found.bound is None else Exit.SOLVED
 
 
@@ -120,7 +130,8 @@ def certificate_in(path: str) -> Mapping[str, Any] | None:
         found = json.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return found if isinstance(found, dict) and "exits" in found and "value" in found else None
+    is_one = isinstance(found, dict) and str(found.get("format", "")).startswith(_FORMAT)
+    return found if is_one else None
 
 
 def check_certificate(

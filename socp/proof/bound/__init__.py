@@ -1,0 +1,1 @@
+"""Lower bounds: what finds a subsolution, and what checks its certificate."""

@@ -43,7 +43,12 @@ class Clock:
     def __init__(self, seconds: float) -> None:
         self._until = time.monotonic() + seconds
 
+    def share(self, among: int) -> "Clock":
+        """Return a clock of an equal share of what is left."""
+        return Clock(self() / among)
+
     def __call__(self) -> float:
+        """Return the seconds that are left."""
         return self._until - time.monotonic()
 
 
@@ -160,15 +165,18 @@ def _bounds(
     reason = SolveError("there was no time for it")
     task = Task(given, _hull(given, solution), None if solution is None else solution.objective)
     idle, stages = given.idle(), list[Stage]()
-    for also, inner in ((set[int](), False), *(((idle, False),) if idle else ()), (idle, True)):
-        if inner and (not stages or not stages[-1].exits):
+    passes = [set[int](), *([idle] if idle else []), idle]
+    for k, also in enumerate(passes):
+        if k and stages and not stages[-1].exits and not idle:
             break
-        outer = stages[-1:] if inner else []
+        outer, among = stages, 1 if k + 1 == len(passes) else 2
         try:
-            for stage in _climbed(task, also | given.bounded(), outer, clock, degree):
+            for stage in _climbed(task, also | given.bounded(), outer, (clock, among), degree):
                 each = _certified(task, [*outer, stage])
+                if stages is outer or stage.found.value > stages[-1].found.value:
+                    stages = [*outer, stage]
                 if best is None or (each.bound or 0.0) > (best.bound or 0.0):
-                    best, stages = each, [*outer, stage]
+                    best = each
                     yield each
         except SolveError as error:
             reason = error
@@ -177,10 +185,18 @@ def _bounds(
 
 
 def _climbed(
-    task: Task, also: set[int], outer: Sequence[Stage], clock: Clock, degree: int | None
+    task: Task,
+    also: set[int],
+    outer: Sequence[Stage],
+    time_left: tuple[Clock, int],
+    degree: int | None,
 ) -> Iterator[Stage]:
-    """Yield functions on one region by rising degrees, as long as they rise."""
-    region, exits = _closed(task, also, outer, clock)
+    """Yield functions on one region by rising degrees, as long as they rise; once the region is
+    closed, what is left of the time is shared among so many regions.
+    """
+    whole, among = time_left
+    region, exits = _closed(task, also, outer, whole)
+    clock = whole.share(among)
     reason: SolveError | None = SolveError("there was no time for it")
     spent, before, stalled = 0.0, inf, 0
     for each in _DEGREES if degree is None else (degree,):
@@ -249,18 +265,20 @@ def _subsolution(
     return Found(found.value, ansatz.combined(coefficients), data)
 
 
-def _ansatz(given: Setting, region: Region, degree: int) -> Ansatz:
-    """Return the functions of a degree: variables that enter through functions alone are linear."""
+def _ansatz(given: Setting, region: Region, degree: int, *, bounded: bool = False) -> Ansatz:
+    """Return the functions of a degree: linear in what has no bounds, or without it; what enters
+    through functions alone stands in them alone.
+    """
     lift, caps, appear = given.lift, dict[int, int](), given.appear()
     through = {
         k for _, _, of in lift.functions for k, n in enumerate(of.degrees()[: lift.base]) if n > 0
     }
     for k in range(lift.base + len(lift.functions)):
-        if k == given.time and (given.free or k in through and k not in appear):
+        if k == given.time and (given.free or (k in through and k not in appear)):
             continue
         if region.bounded(k) and (k not in through or k in appear):
             caps[k] = degree
-        elif k < lift.base:
+        elif k < lift.base and k not in through and not bounded:
             caps[k] = 1
     return Ansatz(region, monomials(region, caps, degree))
 
@@ -302,9 +320,16 @@ def _hull(given: Setting, solution: Solution | None) -> Hull:
     """Return where trajectories of interest are, by state."""
     found = {}
     for k, name in enumerate(given.names[: given.time]):
-        known = [float(x) for its in (given.given("start", k), given.given("end", k)) for x in its if x is not None]
+        known = [
+            float(x)
+            for its in (given.given("start", k), given.given("end", k))
+            for x in its
+            if x is not None
+        ]
         if solution is not None:
-            known += [float(x) for arc in solution.arcs for x in (np.min(arc.x[k]), np.max(arc.x[k]))]
+            known += [
+                float(x) for arc in solution.arcs for x in (np.min(arc.x[k]), np.max(arc.x[k]))
+            ]
         found[name] = (min(known), max(known))
     return found
 
@@ -338,12 +363,12 @@ def _exit(
     """
     lift, (place, end) = region.lift, side
     box = list(region.box[: lift.base])
-    box[place] = (box[place][end],) * 2  # type: ignore[assignment]
+    box[place] = (box[place][end],) * 2
     face = Region(lift, with_ranges(lift, box), region.guards)
     floor = outer[-1].found.function if outer else lift.zero
     enough = None if task.goal is None else task.goal + abs(task.goal) * _MORE
     for degree in _EXIT_DEGREES:
-        ansatz = _ansatz(task.setting, region, degree)
+        ansatz = _ansatz(task.setting, region, degree, bounded=True)
         its = _subsolution(task.setting, ansatz, below(ansatz, "exit", face, floor), clock, enough)
         if task.goal is None or its.value >= task.goal:
             break

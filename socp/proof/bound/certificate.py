@@ -6,7 +6,7 @@ from typing import Any
 
 from socp.proof.bound.checking import FORMAT
 from socp.proof.bound.domain import Setting
-from socp.proof.bound.lifting import Lift, fraction
+from socp.proof.bound.lifting import fraction
 from socp.proof.bound.rounding import Squares
 from socp.proof.bound.sets import Region
 from socp.proof.bound.squares import Exponents, Table
@@ -51,12 +51,12 @@ def certificate(setting: Setting, stages: Sequence[Data]) -> Data:
     return {
         "format": FORMAT,
         "problem": dict(setting.problem.statement),
-        "functions": [[name, _polynomial(lift, of)] for name, _, of in lift.functions],
+        "functions": [[name, _polynomial(of)] for name, _, of in lift.functions],
         "stages": list(stages),
         "bound": None,
     }
 
 
-def _polynomial(lift: Lift, given: Any) -> list[Any]:
+def _polynomial(given: Any) -> list[Any]:
     its: Table = {tuple(map(int, e)): fraction(c) for e, c in given.to_dict().items()}
     return function(list(its), list(its.values()))

@@ -7,27 +7,39 @@ from math import inf
 from typing import Any, final
 
 from socp.errors import SolveError
-from socp.proof.bound.checker import (
+from socp.proof.bound.reading import (
     Box,
     Ends,
     Model,
     Poly,
     around,
     by,
+    disc,
     image,
+    monomial,
+    on_circle,
     plus,
     polynomial,
     put,
     ranged,
     require,
-    root,
+    short,
     slope,
+    squares,
 )
 
 FORMAT = "socp bound 1"
 _ZERO, _ONE = Fraction(0), Fraction(1)
 # What a file that is no certificate raises somewhere
-_BROKEN = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, StopIteration, RecursionError)
+_BROKEN = (
+    LookupError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    ArithmeticError,
+    StopIteration,
+    RecursionError,
+)
 
 
 def checked(certificate: Mapping[str, Any]) -> Fraction:
@@ -57,8 +69,9 @@ class Check:
         self.model = model = Model(self.statement, certificate["functions"])
         self.time = model.places["t"]
         self.vertices = self._vertices()
-        self.running, self.final = model.of(self.statement["running"]), model.of(
-            self.statement["minimise"]
+        self.running, self.final = (
+            model.of(self.statement["running"]),
+            model.of(self.statement["minimise"]),
         )
         self.free = float(self.statement["final_time"][1]) == inf
         self.rate = _ZERO  # what the running cost is at least, where the horizon is free
@@ -92,9 +105,7 @@ class Check:
             for each in self.exits.values():
                 left = self._left(stage["box"], each, floor)
                 found = left if found is None else min(left, found)
-            value, floor = self._value(
-                stage["value"], self._ends(), self.final, self._target()
-            )
+            value, floor = self._value(stage["value"], self._ends(), self.final, self._target())
         require(bool(self.certificate["stages"]), "a region")
         found = value if found is None else min(value, found)
         stated = self.certificate["bound"]
@@ -215,8 +226,10 @@ class Check:
         for k, its in enumerate(given):
             require(None not in its, f"a start with {self.model.base[k]}")
             bounds = self.box[k]
-            require(bounds is None or bounds[0] <= its[0] and its[1] <= bounds[1] or k == self.time,
-                    "that the start is in the region")
+            require(
+                bounds is None or (bounds[0] <= its[0] and its[1] <= bounds[1]) or k == self.time,
+                "that the start is in the region",
+            )
         return self._ranges(given)
 
     def _target(self) -> list[Poly]:
@@ -239,7 +252,9 @@ class Check:
             for guard in self._target():
                 most = disc(guard, k)
                 found[k] = found[k] if most is None else both(found[k], (-most, most))
-        return self._ranges([None if each is None else list(each) for each in found[: len(model.base)]])
+        return self._ranges(
+            [None if each is None else list(each) for each in found[: len(model.base)]]
+        )
 
     def _sides(self, k: int) -> None:
         """Require that no admissible trajectory leaves the region through the sides of a variable,
@@ -306,7 +321,9 @@ class Check:
         first = interval(self.statement["initial_time"])[0]
         require(first == 0, "a start at time zero")
         self.final = plus(self.final, model.variable(self.time), -rate)
-        self.rate = rate if nonnegative(self.statement["nodes"], self.statement["running"]) else _ZERO
+        self.rate = (
+            rate if nonnegative(self.statement["nodes"], self.statement["running"]) else _ZERO
+        )
         self.running = plus(self.running, model.number(rate))
 
     def _nothing_after(self) -> bool:
@@ -327,74 +344,20 @@ def nonnegative(nodes: Sequence[Any], place: int | None) -> bool:
         return False
     if node[0] in {"sq", "exp", "fabs"}:
         return True
-    return node[0] in {"add", "mul", "div", "twice"} and all(nonnegative(nodes, k) for k in node[1:])
+    return node[0] in {"add", "mul", "div", "twice"} and all(
+        nonnegative(nodes, k) for k in node[1:]
+    )
 
 
 def both(a: Any, b: Any) -> Ends | None:
     """Return what two intervals have in common, None unless it has two ends."""
-    low = max((each[0] for each in (a, b) if each is not None and each[0] is not None), default=None)
-    high = min((each[1] for each in (a, b) if each is not None and each[1] is not None), default=None)
+    low = max(
+        (each[0] for each in (a, b) if each is not None and each[0] is not None), default=None
+    )
+    high = min(
+        (each[1] for each in (a, b) if each is not None and each[1] is not None), default=None
+    )
     if low is None or high is None:
         return None
     require(low <= high, "that there are admissible ends")
     return low, high
-
-
-def disc(guard: Poly, k: int) -> Fraction | None:
-    """Return the largest modulus of variable k where constant - squares is at least zero."""
-    constant, weight = _ZERO, _ZERO
-    for e, c in guard.items():
-        if not any(e):
-            constant = c
-            continue
-        require_even = all(n % 2 == 0 for n in e)
-        if not require_even or c > 0:
-            return None
-        if e[k] == 2 and sum(e) == 2:
-            weight = -c
-    return root(constant / weight) if weight and constant >= 0 else None
-
-
-def short(its: Ends | None) -> Ends | None:
-    """Return an interval with short ends that contains another."""
-    grain = 2**60
-    if its is None:
-        return None
-    low, high = (its[0] * grain).__floor__(), (its[1] * grain).__ceil__()
-    return Fraction(low, grain), Fraction(high, grain)
-
-
-def monomial(given: Sequence[Any], count: int) -> tuple[int, ...]:
-    """Return exponents of pairs (variable, power)."""
-    exponents = [0] * count
-    for k, n in given:
-        require(n > 0, "a monomial")
-        exponents[k] = n
-    return tuple(exponents)
-
-
-def squares(basis: Sequence[tuple[int, ...]], rows: Sequence[Sequence[int]]) -> Poly:
-    """Return the sum of squares of rows . basis, rows of whole numbers."""
-    columns = list(zip(*rows, strict=True))
-    require(not columns or len(columns) == len(basis), "rows of a basis")
-    require(all(type(each) is int for row in rows for each in row), "whole numbers")
-    found: dict[tuple[int, ...], int] = {}
-    for i, a in enumerate(basis if columns else ()):
-        for j in range(i + 1):
-            e = tuple(m + n for m, n in zip(a, basis[j], strict=True))
-            value = sum(map(int.__mul__, columns[i], columns[j]))
-            found[e] = found.get(e, 0) + (value if i == j else 2 * value)
-    return {e: Fraction(c) for e, c in found.items() if c}
-
-
-def on_circle(p: Poly, s: int, c: int) -> Poly:
-    """Return a polynomial with sin^2 as 1 - cos^2."""
-    found: Poly = {}
-    for e, value in p.items():
-        half, rest = divmod(e[s], 2)
-        term: Poly = {tuple(rest if k == s else n for k, n in enumerate(e)): value}
-        for _ in range(half):
-            up = {tuple(n + 2 * (k == c) for k, n in enumerate(f)): -v for f, v in term.items()}
-            term = plus(term, up)
-        found = plus(found, term)
-    return found

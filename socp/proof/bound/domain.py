@@ -125,7 +125,7 @@ def setting(problem: Problem) -> Setting:
         if cost != 0:
             raise SolveError("a final cost beside that of a free final time")
     nothing = nonnegative(statement["nodes"], statement["running"]) and (
-        cost == 0 or cost.is_constant() and cost.leading_coefficient() > 0
+        cost == 0 or (cost.is_constant() and cost.leading_coefficient() > 0)
     )
     found = Setting(problem, lift, vertices, running, cost, free, nothing)
     for k, its in enumerate(found.start().box[: lift.base]):
@@ -151,7 +151,8 @@ def domain(
     also: set[int],
 ) -> Domain:
     """Return a region around a hull of the states, with sides moved out by widenings over its
-    width, `first` where there is none; states that no rate depends on are bounded where they are in `also`.
+    width, `first` where there is none; states that no rate depends on have sides where they are in
+    `also`.
 
     Sides are those of the problem's bounds; else such as nothing crosses, for the motion there does
     not lead outward; else such as the horizon is too short for; else open. SolveError names what
@@ -165,19 +166,17 @@ def domain(
         box[setting.time] = limits(begin)[0], limits(end)[1]
     elif setting.time in wanted:
         raise SolveError("data depend on the time, and the horizon is free")
-    open_sides = []
+    open_sides: list[tuple[int, int]] = []
     for k in sorted(wanted - {setting.time}):
         its = list(setting.given("bounds", k))
-        for side in (0, 1):
-            if its[side] is None:
-                open_sides.append((k, side))
+        open_sides += [(k, side) for side in (0, 1) if its[side] is None]
         box[k] = its[0], its[1]
     reach = _reach(setting, box) if open_sides and not setting.free else list(box)
     for k, side in open_sides:
         ends = list(box[k])
         ends[side] = _side(setting, hull, k, side, widening.get((k, side), first))
         box[k] = ends[0], ends[1]
-    exits = []
+    exits: list[tuple[int, int]] = []
     for k, side in open_sides:
         _settle(setting, box, reach, (k, side), hull[setting.names[k]][0], exits)
     return Domain(Region(lift, with_ranges(lift, box), [-each for each in lift.path]), exits)
@@ -205,7 +204,11 @@ def _settle(
     k, side = which
     width = _width(box[k])
     natural = [Fraction(0)] if side == 0 and low >= 0 else []
-    tries = [*natural, box[k][side], *(_moved(box[k][side], side, w * width) for w in _OUT)]
+    tries = [
+        *natural,
+        box[k][side],
+        *(_moved(box[k][side], side, Fraction(w) * width) for w in _OUT),
+    ]
     for value in tries:
         ends = [*box[k]]
         ends[side] = value

@@ -154,6 +154,9 @@ class _Reader:
         if operation in {"pow", "constpow"}:
             return self._power(self.at(given[0]), self._nodes[given[1]])
         values = [self.at(each) for each in given]
+        return self._operation(operation, *values)
+
+    def _operation(self, operation: str, *values: Polynomial) -> Polynomial:
         if operation in _PLAIN:
             return _PLAIN[operation](*values)
         if operation == "div":
@@ -257,12 +260,10 @@ def _to_the(its: Limits, exponent: int) -> Limits:
 def _times(a: Limits, b: Limits) -> Limits:
     if (Fraction(0), Fraction(0)) in (a, b):
         return Fraction(0), Fraction(0)
-    ends = [
-        _product(x, y, i, j) for i, x in enumerate(a) for j, y in enumerate(b)
-    ]
+    ends = [_product(x, y, i, j) for i, x in enumerate(a) for j, y in enumerate(b)]
     return (
-        None if -inf in ends else min(each for each in ends),  # type: ignore[type-var]
-        None if inf in ends else max(each for each in ends),  # type: ignore[type-var]
+        None if -inf in ends else min(each for each in ends),
+        None if inf in ends else max(each for each in ends),
     )
 
 

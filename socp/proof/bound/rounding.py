@@ -8,7 +8,6 @@ from typing import Any, final
 import numpy as np
 from scipy.sparse.linalg import spsolve
 
-from socp.proof.bound.sets import Region
 from socp.proof.bound.squares import Blocks, Exponents, Table
 
 # Coefficients are multiples of one over it, relative to the largest: finer than the solver's
@@ -39,9 +38,7 @@ def rounded(values: np.ndarray) -> list[Fraction]:
     return [Fraction(round(float(each) * grain)) / Fraction(grain) for each in values]
 
 
-def shown(
-    blocks: Blocks, coefficients: Sequence[Fraction], grams: Sequence[np.ndarray]
-) -> Squares:
+def shown(blocks: Blocks, coefficients: Sequence[Fraction], grams: Sequence[np.ndarray]) -> Squares:
     """Return a demand with given coefficients as explicit squares."""
     exact = blocks.demand.at(coefficients)
     right = np.array([float(exact.get(exponents, 0)) for exponents in blocks.rows])
@@ -59,7 +56,13 @@ def shown(
         rows.append(its)
         scales.append(scale)
     left_over = _left(blocks, exact, rows, scales)
-    return Squares(blocks.kinds, blocks.bases, rows, scales, _size(blocks.demand.region, left_over))
+    return Squares(
+        blocks.kinds,
+        blocks.bases,
+        rows,
+        scales,
+        sum((abs(each) for each in left_over.values()), Fraction(0)),
+    )
 
 
 def _factor(gram: np.ndarray) -> tuple[list[list[int]], int]:
@@ -97,10 +100,3 @@ def _left(
         for e, value in region.reduced(raw).items():
             found[e] = found.get(e, 0) - Fraction(value) / scale**2
     return found
-
-
-def _size(region: Region, left: Table) -> Fraction:
-    """Return a bound of the modulus of a polynomial of coordinates in [-1, 1]; those of flat
-    variables are their deviation itself, over one.
-    """
-    return sum((abs(Fraction(value)) for value in left.values()), Fraction(0))

@@ -66,9 +66,7 @@ class Region:
         """Return pairs of places (sine, cosine) on a whole circle."""
         places = [k for k, f in enumerate(self.lift.functions) if f[0] == "sin"]
         pairs = [(self.lift.base + k, self.lift.base + k + 1) for k in places]
-        return [
-            pair for pair in pairs if all(self.box[each] == _WHOLE for each in pair)
-        ]
+        return [pair for pair in pairs if all(self.box[each] == _WHOLE for each in pair)]
 
     def reduced(self, given: Mapping[tuple[int, ...], Any]) -> dict[tuple[int, ...], Any]:
         """Return a polynomial of coordinates with sin^2 as 1 - cos^2 on whole circles."""

@@ -2,6 +2,7 @@
 regions, as a semidefinite programme.
 """
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -163,9 +164,7 @@ def _matched(
         for i, a in enumerate(basis):
             for j, b in enumerate(basis):
                 both = tuple(map(int.__add__, a, b))
-                raw: Table = {
-                    tuple(map(int.__add__, both, e)): value for e, value in plain.items()
-                }
+                raw: Table = {tuple(map(int.__add__, both, e)): value for e, value in plain.items()}
                 for exponents, value in region.reduced(raw).items():
                     row = rows.setdefault(exponents, len(rows))
                     entries.append((row, offset + i * len(basis) + j, value))
@@ -215,7 +214,9 @@ def solved(
         conditions.append(objective @ v <= enough)
     problem = cvxpy.Problem(cvxpy.Maximize(objective @ v), conditions)
     try:
-        problem.solve(solver="CLARABEL", time_limit=max(left(), 1.0))
+        with warnings.catch_warnings():  # how accurate it is shows when it is checked
+            warnings.simplefilter("ignore")
+            problem.solve(solver="CLARABEL", time_limit=max(left(), 1.0))
     except cvxpy.error.SolverError as error:
         raise SolveError(f"the semidefinite solver: {error}") from error
     if v.value is None or problem.status not in {"optimal", "optimal_inaccurate"}:

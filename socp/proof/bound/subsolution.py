@@ -3,14 +3,12 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import product
 from typing import final
 
 import numpy as np
 
-from socp.proof.balls import flint
-from socp.proof.bound.lifting import Limits, Lift, Polynomial, rational
-from socp.proof.bound.sets import Region, full, with_ranges
+from socp.proof.bound.lifting import Lift, Polynomial, rational
+from socp.proof.bound.sets import Region, full
 from socp.proof.bound.squares import Demand, Exponents, table
 
 
@@ -88,7 +86,9 @@ def decrease(
         cost = region.scaled(at_vertex(lift, running, vertex))
         parts = ansatz.flow(vertex)
         full(lift, region, [cost, *parts])
-        text = ", ".join(f"{lift.names[k]} = {float(u):g}" for k, u in zip(lift.controls, vertex, strict=True))
+        text = ", ".join(
+            f"{lift.names[k]} = {float(u):g}" for k, u in zip(lift.controls, vertex, strict=True)
+        )
         tables = [table(region, each) for each in parts]
         yield Demand(f"decrease at {text}", region, table(region, cost), tables)
 

@@ -7,7 +7,6 @@ values of exp, tanh, sin and cos at fractions are python-flint's balls.
 
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
-from itertools import product
 from math import inf, isqrt
 from typing import Any, final
 
@@ -260,8 +259,7 @@ class Model:
             (n + i, n + j)
             for i, (a, of_a) in enumerate(self.functions)
             for j, (b, of_b) in enumerate(self.functions)
-            if a == "sin" and b == "cos" and of_a == of_b
-            and box[n + i] == box[n + j] == _WHOLE
+            if a == "sin" and b == "cos" and of_a == of_b and box[n + i] == box[n + j] == _WHOLE
         ]
 
 
@@ -286,3 +284,63 @@ def root(value: Fraction) -> Fraction:
     """Return a fraction that is at least the square root of another."""
     fine = 10**12
     return Fraction(isqrt(value.numerator * fine**2 // value.denominator) + 1, fine)
+
+
+def disc(guard: Poly, k: int) -> Fraction | None:
+    """Return the largest modulus of variable k where constant - squares is at least zero."""
+    constant = weight = Fraction(0)
+    for e, c in guard.items():
+        if not any(e):
+            constant = c
+            continue
+        even = all(n % 2 == 0 for n in e)
+        if not even or c > 0:
+            return None
+        if e[k] == 2 and sum(e) == 2:
+            weight = -c
+    return root(constant / weight) if weight and constant >= 0 else None
+
+
+def short(its: Ends | None) -> Ends | None:
+    """Return an interval with short ends that contains another."""
+    grain = 2**60
+    if its is None:
+        return None
+    low, high = (its[0] * grain).__floor__(), (its[1] * grain).__ceil__()
+    return Fraction(low, grain), Fraction(high, grain)
+
+
+def monomial(given: Sequence[Any], count: int) -> tuple[int, ...]:
+    """Return exponents of pairs (variable, power)."""
+    exponents = [0] * count
+    for k, n in given:
+        require(n > 0, "a monomial")
+        exponents[k] = n
+    return tuple(exponents)
+
+
+def squares(basis: Sequence[tuple[int, ...]], rows: Sequence[Sequence[int]]) -> Poly:
+    """Return the sum of squares of rows . basis, rows of whole numbers."""
+    columns = list(zip(*rows, strict=True))
+    require(not columns or len(columns) == len(basis), "rows of a basis")
+    require(all(type(each) is int for row in rows for each in row), "whole numbers")
+    found: dict[tuple[int, ...], int] = {}
+    for i, a in enumerate(basis if columns else ()):
+        for j in range(i + 1):
+            e = tuple(m + n for m, n in zip(a, basis[j], strict=True))
+            value = sum(map(int.__mul__, columns[i], columns[j]))
+            found[e] = found.get(e, 0) + (value if i == j else 2 * value)
+    return {e: Fraction(c) for e, c in found.items() if c}
+
+
+def on_circle(p: Poly, s: int, c: int) -> Poly:
+    """Return a polynomial with sin^2 as 1 - cos^2."""
+    found: Poly = {}
+    for e, value in p.items():
+        half, rest = divmod(e[s], 2)
+        term: Poly = {tuple(rest if k == s else n for k, n in enumerate(e)): value}
+        for _ in range(half):
+            up = {tuple(n + 2 * (k == c) for k, n in enumerate(f)): -v for f, v in term.items()}
+            term = plus(term, up)
+        found = plus(found, term)
+    return found
