@@ -1,13 +1,16 @@
-"""What `socp prove` proves of the registered problems: the enclosure of the objective, the radius
-of the box with exactly one solution, and what that costs.
+"""What `socp prove` and `socp bound` prove of the registered problems: the enclosure of the
+objective, the radius of the box with exactly one solution, the lower bound of every control's
+objective, its gap, and what these cost.
 
 Run as `python benchmarks/proofs.py [NAME ...]`: every problem is solved by `auto`, and proved in
-CPU seconds of this process; what is not proved is told with the step and the reason.
+CPU seconds of this process; what is not proved is told with the step and the reason. `--only bound`
+and `--only prove` leave the other out.
 """
 
 import argparse
 import os
 import time
+from collections.abc import Callable
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does
 
@@ -16,21 +19,50 @@ from rich.table import Table
 
 from socp import default_guess
 from socp.methods import run
-from socp.proof import prove
+from socp.model import Problem, Solution
+from socp.proof import lower_bound, prove
 from socp.registry.plugins import Registry
 
 
-def row(registry: Registry, name: str, seconds: float, bits: int) -> list[str]:
-    """Solve a problem, prove it, and return its row."""
+def row(registry: Registry, name: str, given: argparse.Namespace) -> list[str]:
+    """Solve a problem, prove what is asked for, and return its row."""
     problem = registry.problem(name)
-    method = registry.method("auto")(seconds=seconds)
+    method = registry.method("auto")(seconds=given.seconds)
     solution = run(method, problem, default_guess(problem))
+    cells = [name, solution.word]
+    if given.only != "bound":
+        cells += timed(existence, problem, solution, given)
+    if given.only != "prove":
+        cells += timed(bounded, problem, solution, given)
+    return cells
+
+
+def timed(
+    prover: Callable[[Problem, Solution, argparse.Namespace], list[str]],
+    problem: Problem,
+    solution: Solution,
+    given: argparse.Namespace,
+) -> list[str]:
+    """Return the cells of a proof and its CPU seconds."""
     began = time.process_time()
-    proof = prove(problem, solution, bits)
-    spent = f"{time.process_time() - began:.1f}"
+    return [*prover(problem, solution, given), f"{time.process_time() - began:.1f}"]
+
+
+def existence(problem: Problem, solution: Solution, given: argparse.Namespace) -> list[str]:
+    """Return the enclosure of the objective and the radius of the box."""
+    proof = prove(problem, solution, given.bits)
     if not proof.holds:
-        return [name, solution.word, f"not proved: {proof.step}: {proof.reason}", "", spent]
-    return [name, solution.word, " ± ".join(proof.objective), f"{proof.radius:.0e}", spent]
+        return [f"not proved: {proof.step}: {proof.reason}", ""]
+    return [" ± ".join(proof.objective), f"{proof.radius:.0e}"]
+
+
+def bounded(problem: Problem, solution: Solution, given: argparse.Namespace) -> list[str]:
+    """Return the lower bound and its gap."""
+    found = lower_bound(problem, solution, given.bound_seconds)
+    gap = found.gap(solution)
+    if gap is None:
+        return [f"no bound: {found.reason}", ""]
+    return [f"{found.bound:.10g}", f"{100 * gap:.2g} %"]
 
 
 def main() -> None:
@@ -39,11 +71,16 @@ def main() -> None:
     parser.add_argument("names", nargs="*", help="problems; all that are registered by default")
     parser.add_argument("--seconds", type=float, default=60.0, help="of auto, a problem")
     parser.add_argument("--bits", type=int, default=128)
+    parser.add_argument("--bound-seconds", type=float, default=120.0, help="of a bound")
+    parser.add_argument("--only", choices=("prove", "bound"), help="one of the two")
     given = parser.parse_args()
     registry = Registry.load()
-    table = Table("problem", "word", "objective", "radius", "CPU s", box=None)
+    columns = ["problem", "word"]
+    columns += ["objective", "radius", "CPU s"] if given.only != "bound" else []
+    columns += ["lower bound", "gap", "CPU s"] if given.only != "prove" else []
+    table = Table(*columns, box=None)
     for name in given.names or sorted(registry.problems):
-        table.add_row(*row(registry, name, given.seconds, given.bits))
+        table.add_row(*row(registry, name, given))
     Console(width=160).print(table)
 
 

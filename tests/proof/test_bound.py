@@ -203,7 +203,17 @@ def _of_scale(to: Any) -> Callable[[Data], Any]:
     return change
 
 
+def _with_square(guard: Any, basis: list[Any]) -> Callable[[Data], Any]:
+    def change(data: Data) -> None:
+        data["stages"][-1]["value"]["proofs"][0].append([guard, basis, [[1]], 1])
+
+    return change
+
+
 MUTATIONS = [
+    _with_square("one", [[[2, 1]]]),  # of the control, which no region bounds
+    _with_square(["box", 2], [[]]),
+    _with_square(["given", 0], [[]]),
     *(_of_value(k) for k in range(10)),
     *(_of_rows(place, Fraction(n, 100)) for place in range(3) for n in (99, 101, 50)),
     *(_of_box(0, side, Fraction(n, 10)) for side in (0, 1) for n in (1, 3, 5)),

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -90,7 +90,7 @@ def _bounded(session: Session, asked: Asked) -> int:
     solution = _known(session, registry, problem, asked.result)
     found = lower_bound(problem, solution, asked.seconds, asked.degree)
     gap = found.gap(solution)
-    proved = replace(solution, proofs=found.rungs(solution))
+    proved = solution.with_judgement(proofs=found.rungs(solution))
     if found.bound is not None:
         path.write_text(json.dumps(found.certificate), encoding="utf-8")
     if asked.as_json:

@@ -26,6 +26,8 @@ SECONDS = 60.0
 _DEGREES = (2, 3, 4, 5, 6, 8, 10, 12)
 _EXIT_DEGREES = (4, 6)  # of the functions that close open sides: they need not be sharp
 _WIDE, _NARROW = 0.5, 0.25  # how far sides stand out at first, over the width
+# Of the gap that the region around this one leaves: leaving may be shown to cost less by so much
+_PART = 0.5
 _WIDER = 2.0  # a side that is reached too cheaply moves out by this factor
 _MORE = 0.1  # over the goal, relative: leaving need not be shown to cost more
 _ROUNDS = 8
@@ -341,14 +343,18 @@ def _closed(
     through them costs as much as the goal.
     """
     first = _NARROW if outer else _WIDE
-    widening = dict[tuple[int, int], float]()
+    need = task.goal
+    if need is not None and outer:
+        need -= _PART * max(need - outer[-1].found.value, 0.0)
+    widening, known = dict[tuple[int, int], float](), dict[tuple[int, int], float]()
     for _ in range(_ROUNDS):
         found, cheap, exits = domain(task.setting, task.hull, widening, first, also), [], []
         for side in found.exits:
             its = _exit(task, found.region, side, outer, clock)
             exits.append(its)
-            if task.goal is not None and its.value < task.goal:
-                cheap.append(side)
+            if need is not None and known.get(side, -inf) < its.value < need:
+                cheap.append(side)  # unless the last move of it was in vain
+            known[side] = its.value
         if not cheap:
             break
         widening |= {each: widening.get(each, first) * _WIDER for each in cheap}

@@ -179,7 +179,6 @@ class Check:
                 unit = [(its[1] + its[0]) / 2, (its[1] - its[0]) / 2]
                 maps[k] = plus(model.number(unit[0]), model.variable(k), unit[1])
         left = put(p, maps)
-        require(all(not n or k in maps for e in left for k, n in enumerate(e)), "a bounded region")
         for guard, basis, rows, scale in proof:
             require(scale > 0, "a scale")
             sum_of_squares = squares([monomial(each, model.count) for each in basis], rows)
@@ -187,6 +186,7 @@ class Check:
             left = plus(left, by(sum_of_squares, factor), Fraction(-1, scale**2))
         for s, c in circles:
             left = on_circle(left, s, c)
+        require(all(not n or k in maps for e in left for k, n in enumerate(e)), "a bounded region")
         return sum((abs(each) for each in left.values()), _ZERO)
 
     def _guard(self, given: Any, maps: Mapping[int, Poly], guards: Sequence[Poly]) -> Poly:
