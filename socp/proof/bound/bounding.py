@@ -30,6 +30,8 @@ _WIDE, _NARROW = 0.5, 0.25  # how far sides stand out at first, over the width
 _PART = 0.5
 _WIDER = 2.0  # a side that is reached too cheaply moves out by this factor
 _MORE = 0.1  # over the goal, relative: leaving need not be shown to cost more
+_CLEAR = 0.01  # of a barrier, which is one at most: well above what rounding leaves
+_MOVED = 1e-3  # of the goal: a side that raises its cost by less does not move on
 _ROUNDS = 8
 _WORTH = 0.98  # of the gap: a degree that leaves more of it was not worth it
 _STALLED = 2  # such degrees in a row, and no higher one is tried
@@ -208,7 +210,7 @@ def _climbed(
         ansatz = _ansatz(task.setting, region, each)
         ends = below(ansatz, "at the end", _ends(task.setting, region), task.setting.final)
         try:
-            found = _subsolution(task.setting, ansatz, ends, clock)
+            found = _subsolution(task.setting, ansatz, task.setting.running, ends, clock)
         except SolveError as error:
             reason = reason and error
             continue
@@ -253,9 +255,14 @@ def _told(given: Setting, region: Region) -> Iterator[str]:
 
 
 def _subsolution(
-    given: Setting, ansatz: Ansatz, ends: Demand, clock: Clock, enough: float | None = None
+    given: Setting,
+    ansatz: Ansatz,
+    running: Polynomial,
+    ends: Demand,
+    clock: Clock,
+    enough: float | None = None,
 ) -> Found:
-    demands = [*decrease(ansatz, given.running, given.vertices), ends]
+    demands = [*decrease(ansatz, running, given.vertices), ends]
     blocks = [Blocks.of(each) for each in demands]
     found = solved(value(ansatz, given.start()), blocks, clock, enough)
     coefficients = rounded(found.coefficients)
@@ -352,12 +359,15 @@ def _closed(
         for side in found.exits:
             its = _exit(task, found.region, side, outer, clock)
             exits.append(its)
-            if need is not None and known.get(side, -inf) < its.value < need:
-                cheap.append(side)  # unless the last move of it was in vain
+            if need is not None and its.value < need:
+                moved = its.value - known.get(side, -inf) > _MOVED * abs(need)
+                cheap += [side] if moved else []  # else the last move of it was in vain
             known[side] = its.value
         if not cheap:
             break
         widening |= {each: widening.get(each, first) * _WIDER for each in cheap}
+    if any(each.value == -inf for each in exits):
+        raise SolveError("the states are not shown to stay within a region")
     return found.region, exits
 
 
@@ -371,11 +381,22 @@ def _exit(
     box = list(region.box[: lift.base])
     box[place] = (box[place][end],) * 2
     face = Region(lift, with_ranges(lift, box), region.guards)
-    floor = outer[-1].found.function if outer else lift.zero
-    enough = None if task.goal is None else task.goal + abs(task.goal) * _MORE
+    barrier = not outer and not task.setting.nothing_after
+    running, floor, enough = task.setting.running, lift.zero, None
+    if barrier:
+        running, enough = lift.zero, 1.0
+    elif outer:
+        floor = outer[-1].found.function
+    if task.goal is not None and not barrier:
+        enough = task.goal + abs(task.goal) * _MORE
     for degree in _EXIT_DEGREES:
         ansatz = _ansatz(task.setting, region, degree, bounded=True)
-        its = _subsolution(task.setting, ansatz, below(ansatz, "exit", face, floor), clock, enough)
+        ends = below(ansatz, "exit", face, floor)
+        its = _subsolution(task.setting, ansatz, running, ends, clock, enough)
+        if barrier and its.value > _CLEAR:
+            its = replace(its, value=inf)  # nobody gets there
         if task.goal is None or its.value >= task.goal:
             break
-    return replace(its, data={**its.data, "variable": place, "side": end})
+    if barrier and its.value < inf:
+        its = replace(its, value=-inf)
+    return replace(its, data={**its.data, "variable": place, "side": end, "barrier": barrier})

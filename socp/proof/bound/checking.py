@@ -104,24 +104,41 @@ class Check:
                 self._sides(k)
             for each in self.exits.values():
                 left = self._left(stage["box"], each, floor)
-                found = left if found is None else min(left, found)
-            value, floor = self._value(stage["value"], self._ends(), self.final, self._target())
+                found = min((x for x in (found, left) if x is not None), default=None)
+            value, floor = self._value(
+                stage["value"], self.running, self._ends(), self.final, self._target()
+            )
         require(bool(self.certificate["stages"]), "a region")
-        found = value if found is None else min(value, found)
+        found = value if found is None else min(value, found)  # None: nobody leaves
         stated = self.certificate["bound"]
         require(stated is None or Fraction(stated) <= found, "the bound that is stated")
         return found if stated is None else Fraction(stated)
 
-    def _left(self, box: Sequence[Any], given: Mapping[str, Any], floor: Poly | None) -> Fraction:
-        """Return what leaving the region through a side costs at least."""
-        if floor is None:
-            raise SolveError("not shown: that nothing is gained after leaving the region")
+    def _left(
+        self, box: Sequence[Any], given: Mapping[str, Any], floor: Poly | None
+    ) -> Fraction | None:
+        """Return what leaving the region through a side costs at least, None where nobody gets
+        there: a function that does not decrease along any motion is positive at the start, and at
+        most zero at the side.
+        """
         face = list(box[: len(self.model.base)])
         face[given["variable"]] = [face[given["variable"]][given["side"]]] * 2
-        return self._value(given, self._ranges(face), floor, [])[0]
+        if given["barrier"]:
+            require(not self.free, "a barrier within a horizon")
+            low = self._value(given, {}, self._ranges(face), {}, [])[0]
+            require(low > 0, "a barrier")
+            return None
+        if floor is None:
+            raise SolveError("not shown: that nothing is gained after leaving the region")
+        return self._value(given, self.running, self._ranges(face), floor, [])[0]
 
     def _value(
-        self, given: Mapping[str, Any], ends: Box, final: Poly, guards: Sequence[Poly]
+        self,
+        given: Mapping[str, Any],
+        running: Poly,
+        ends: Box,
+        final: Poly,
+        guards: Sequence[Poly],
     ) -> tuple[Fraction, Poly]:
         """Return what a function proves: its value at the start, less its defects, and the function
         less its defects, which is at most the cost from every point on.
@@ -130,7 +147,7 @@ class Check:
         value = self._function(given["function"])
         losses = [_ZERO]
         for vertex in self.vertices:
-            rate = put(self.running, vertex)
+            rate = put(running, vertex)
             for k in range(model.size):
                 part = slope(value, k)
                 rate = plus(rate, by(part, put(model.rates[k], vertex))) if part else rate

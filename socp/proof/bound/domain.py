@@ -178,7 +178,11 @@ def domain(
         box[k] = ends[0], ends[1]
     exits: list[tuple[int, int]] = []
     for k, side in open_sides:
-        _settle(setting, box, reach, (k, side), hull[setting.names[k]][0], exits)
+        _settle(setting, box, reach, (k, side), hull[setting.names[k]][0])
+    exits = [side for side in open_sides if not _kept(setting, box, side)]
+    for k, _ in exits:
+        if setting.free and not setting.nothing_after:
+            raise SolveError(f"'{setting.names[k]}' has no bounds")
     return Domain(Region(lift, with_ranges(lift, box), [-each for each in lift.path]), exits)
 
 
@@ -196,33 +200,40 @@ def _settle(
     reach: Sequence[Limits],
     which: tuple[int, int],
     low: float,
-    exits: list[tuple[int, int]],
 ) -> None:
     """Place a side where nothing crosses it if there is such a place near, else where the horizon
-    ends, else leave it open.
+    ends if leaving is not free of costs, else leave it where it is.
     """
     k, side = which
-    width = _width(box[k])
+    here, width = box[k][side], _width(box[k])
     natural = [Fraction(0)] if side == 0 and low >= 0 else []
-    tries = [
-        *natural,
-        box[k][side],
-        *(_moved(box[k][side], side, Fraction(w) * width) for w in _OUT),
-    ]
-    for value in tries:
-        ends = [*box[k]]
-        ends[side] = value
-        face = [*box[:k], (value, value), *box[k + 1 :]]
-        speed = setting.fastest(k, face)[side]
-        if speed is not None and (speed <= 0 if side else speed >= 0):
-            box[k] = ends[0], ends[1]
+    near = [] if reach[k][side] is None or setting.nothing_after else [reach[k][side]]
+    for value in [*natural, here, *(_moved(here, side, Fraction(w) * width) for w in _OUT), *near]:
+        trial = [*box[:k], _with(box[k], side, value), *box[k + 1 :]]
+        if _kept(setting, trial, which):
+            box[k] = trial[k]
             return
-    if not setting.nothing_after:
-        if reach[k][side] is None:
-            raise SolveError(f"'{setting.names[k]}' has no bounds within the horizon")
-        box[k] = (reach[k][0], box[k][1]) if side == 0 else (box[k][0], reach[k][1])
-        return
-    exits.append(which)
+
+
+def _with(its: Limits, side: int, value: Fraction | None) -> Limits:
+    return (value, its[1]) if side == 0 else (its[0], value)
+
+
+def _kept(setting: Setting, box: Sequence[Limits], which: tuple[int, int]) -> bool:
+    """Tell whether nothing crosses a side of a box: the motion does not lead outward there, or it
+    is too far away.
+    """
+    k, side = which
+    value, sign = box[k][side], 1 if side else -1
+    if value is None:
+        return False
+    face = setting.fastest(k, [*box[:k], (value, value), *box[k + 1 :]])[side]
+    if face is not None and face * sign <= 0:
+        return True
+    inside, start = setting.fastest(k, box)[side], setting.start().box[k][side]
+    if setting.free or inside is None or start is None:
+        return False
+    return (start - value) * sign + setting.length * max(inside * sign, Fraction(0)) <= 0
 
 
 def _moved(value: Any, side: int, by: Fraction) -> Fraction:

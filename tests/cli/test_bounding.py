@@ -1,0 +1,40 @@
+"""`socp bound` and the check of its certificate, as commands."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from socp.cli import main
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_a_bound_its_rung_and_its_certificate(capsys: pytest.CaptureFixture[str]) -> None:
+    """The golden-rule fishery earns 5.18473166; no effort earns 1 % more."""
+    assert main(["bound", "fishery_discounted", "--degree", "4", "-o", "found.json"]) == 0
+    told = capsys.readouterr().out
+    assert "no admissible control has a lower objective than -5.2" in told
+    assert "of the global optimum, proved" in told
+    assert main(["check", "found.json"]) == 0
+    assert "no admissible control has a lower objective than -5.2" in capsys.readouterr().out
+    assert main(["check", "found.json", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["proved"]
+    assert -5.184731660678 * 1.01 < found["bound"] <= -5.184731660678
+    assert main(["check", "found.json", "--problem", "jacobson_1"]) == 3
+    capsys.readouterr()
+    data = json.loads(Path("found.json").read_text(encoding="utf-8"))
+    data["bound"] = "-5"
+    Path("found.json").write_text(json.dumps(data), encoding="utf-8")
+    assert main(["check", "found.json"]) == 1
+    assert "not shown: the bound that is stated" in capsys.readouterr().out
+
+
+def test_what_has_no_bound_says_why(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bound", "goddard", "--degree", "2"]) == 1
+    assert "the horizon is free, and its length costs nothing" in capsys.readouterr().out
+    assert not Path("goddard.bound.json").exists()
