@@ -266,7 +266,7 @@ def test_minimum_time_under_a_speed_limit() -> None:
         (REST.with_(dynamics={x: u + parameters("p")}), "parameters"),
         (REST.with_(start={x: (None, None)}), "start of 'x' is not given"),
         (REST.with_(dynamics={x: u * abs(x)}), "fabs"),
-        (REST.with_(running=-x - time, dynamics={x: x**2 + u}), "no bounds within the horizon"),
+        (REST.with_(running=-x - time, dynamics={x: x**2 + u}), "stay within a region"),
     ],
 )
 def test_what_has_no_bound_is_told(problem: Problem, reason: str) -> None:

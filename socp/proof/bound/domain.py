@@ -207,31 +207,35 @@ def _settle(
     k, side = which
     here, width = box[k][side], _width(box[k])
     natural = [Fraction(0)] if side == 0 and low >= 0 else []
-    near = [] if reach[k][side] is None or setting.nothing_after else [reach[k][side]]
-    for value in [*natural, here, *(_moved(here, side, Fraction(w) * width) for w in _OUT), *near]:
+    for value in [*natural, here, *(_moved(here, side, Fraction(w) * width) for w in _OUT)]:
         trial = [*box[:k], _with(box[k], side, value), *box[k + 1 :]]
-        if _kept(setting, trial, which):
+        if _turned_back(setting, trial, which):
             box[k] = trial[k]
             return
+    if reach[k][side] is not None and not setting.nothing_after:
+        box[k] = _with(box[k], side, reach[k][side])
 
 
 def _with(its: Limits, side: int, value: Fraction | None) -> Limits:
     return (value, its[1]) if side == 0 else (its[0], value)
 
 
+def _turned_back(setting: Setting, box: Sequence[Limits], which: tuple[int, int]) -> bool:
+    """Tell whether the motion does not lead outward at a side of a box."""
+    k, side = which
+    value = box[k][side]
+    face = setting.fastest(k, [*box[:k], (value, value), *box[k + 1 :]])[side]
+    return face is not None and face * (1 if side else -1) <= 0
+
+
 def _kept(setting: Setting, box: Sequence[Limits], which: tuple[int, int]) -> bool:
-    """Tell whether nothing crosses a side of a box: the motion does not lead outward there, or it
-    is too far away.
-    """
+    """Tell whether nothing crosses a side of a box: motion turns back there, or is too slow."""
     k, side = which
     value, sign = box[k][side], 1 if side else -1
-    if value is None:
-        return False
-    face = setting.fastest(k, [*box[:k], (value, value), *box[k + 1 :]])[side]
-    if face is not None and face * sign <= 0:
+    if _turned_back(setting, box, which):
         return True
     inside, start = setting.fastest(k, box)[side], setting.start().box[k][side]
-    if setting.free or inside is None or start is None:
+    if setting.free or inside is None or start is None or value is None:
         return False
     return (start - value) * sign + setting.length * max(inside * sign, Fraction(0)) <= 0
 
