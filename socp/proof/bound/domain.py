@@ -9,9 +9,9 @@ from typing import Any, final
 
 from socp.errors import SolveError
 from socp.model import Problem
+from socp.proof.bound.ansatz import at_vertex
 from socp.proof.bound.lifting import Lift, Limits, Polynomial, limits, span
 from socp.proof.bound.sets import Region, with_ranges
-from socp.proof.bound.subsolution import at_vertex
 
 Hull = Mapping[str, tuple[float, float]]
 
