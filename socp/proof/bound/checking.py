@@ -90,7 +90,7 @@ class Check:
         that is left as well.
         """
         found: Fraction | None = None
-        floor: Poly | None = {} if self._nothing_after() else None
+        floor: Poly | None = None
         for stage in self.certificate["stages"]:
             outer, self.box = self.box, self._ranges(stage["box"])
             for its, wider in zip(self.box, outer, strict=False):
@@ -123,11 +123,14 @@ class Check:
         """
         face = list(box[: len(self.model.base)])
         face[given["variable"]] = [face[given["variable"]][given["side"]]] * 2
-        if given["barrier"]:
+        after = given["after"]
+        if after == "barrier":
             require(not self.free, "a barrier within a horizon")
             low = self._value(given, {}, self._ranges(face), {}, [])[0]
             require(low > 0, "a barrier")
             return None
+        if after == "nothing":
+            floor = {} if self._nothing_after() else None
         if floor is None:
             raise SolveError("not shown: that nothing is gained after leaving the region")
         return self._value(given, self.running, self._ranges(face), floor, [])[0]

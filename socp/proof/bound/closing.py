@@ -4,6 +4,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import product
 from math import inf, isqrt
 from typing import final
 
@@ -23,6 +24,7 @@ _EXIT_DEGREES = (4, 6)  # of the functions that close open sides: they need not 
 _WIDE, _NARROW = 0.5, 0.25  # how far sides stand out at first, over the width
 # Of the gap that the region around this one leaves: leaving may be shown to cost less by so much
 _PART = 0.02
+_HALF = 0.5  # the same where moving out further was in vain
 _WIDER = 2.0  # a side that is reached too cheaply moves out by this factor
 _MORE = 0.1  # over the goal, relative: leaving need not be shown to cost more
 _CLEAR = 0.01  # of a barrier, which is one at most: well above what rounding leaves
@@ -177,9 +179,8 @@ def closed(
     through them costs as much as the goal.
     """
     first = _NARROW if outer else _WIDE
-    need = task.goal
-    if need is not None and outer:
-        need -= _PART * max(need - outer[-1].found.value, 0.0)
+    outside = outer[-1].found.value if outer else 0.0
+    gap = 0.0 if task.goal is None else max(task.goal - outside, 0.0)
     widening, known = dict[tuple[int, int], float](), dict[tuple[int, int], float]()
     cheap: list[tuple[int, int]] = []
     for _ in range(_ROUNDS):
@@ -188,15 +189,18 @@ def closed(
         for side in found.exits:
             its = _exit(task, found.region, side, outer, clock)
             exits.append(its)
-            if need is not None and its.value < need:
-                vain = side in last and its.value - known[side] <= _MOVED * abs(need)
-                cheap += [] if vain else [side]
+            if task.goal is not None and its.value < task.goal - _PART * gap:
+                vain = side in last and its.value - known[side] <= _MOVED * gap
+                enough = its.value >= task.goal - _HALF * gap
+                cheap += [] if vain and enough else [side]
             known[side] = its.value
         if not cheap:
             break
         widening |= {each: widening.get(each, first) * _WIDER for each in cheap}
     if any(each.value == -inf for each in exits):
         raise SolveError("the states are not shown to stay within a region")
+    if outer and any(each.value <= outer[-1].found.value for each in exits):
+        raise SolveError("leaving a narrower region is not shown to cost more")
     return found.region, exits
 
 
@@ -210,22 +214,26 @@ def _exit(
     box = list(region.box[: lift.base])
     box[place] = (box[place][end],) * 2
     face = Region(lift, with_ranges(lift, box), region.guards)
-    barrier = not outer and not task.setting.nothing_after
-    running, floor, enough = task.setting.running, lift.zero, None
-    if barrier:
-        running, enough = lift.zero, 1.0
-    elif outer:
-        floor = outer[-1].found.function
-    if task.goal is not None and not barrier:
-        enough = task.goal + abs(task.goal) * _MORE
-    for degree in _EXIT_DEGREES:
+    running, zero = task.setting.running, lift.zero
+    more = None if task.goal is None else task.goal + abs(task.goal) * _MORE
+    tries: list[tuple[str, Polynomial, Polynomial, float | None]] = []
+    if outer:
+        tries.append(("outer", running, outer[-1].found.function, more))
+    if task.setting.nothing_after:
+        tries.append(("nothing", running, zero, more))
+    elif not outer:
+        tries.append(("barrier", zero, zero, 1.0))
+    best: Found | None = None
+    for (kind, cost, floor, enough), degree in product(tries, _EXIT_DEGREES):
         ansatz = ansatz_of(task.setting, region, degree, bounded=True)
         ends = below(ansatz, "exit", face, floor)
-        its = subsolution(task.setting, ansatz, running, ends, clock, enough)
-        if barrier and its.value > _CLEAR:
-            its = replace(its, value=inf)  # nobody gets there
-        if task.goal is None or its.value >= task.goal:
+        its = subsolution(task.setting, ansatz, cost, ends, clock, enough)
+        if kind == "barrier":  # nobody gets there, or nothing is shown
+            its = replace(its, value=inf if its.value > _CLEAR else -inf)
+        if best is None or its.value > best.value:
+            best = replace(its, data={**its.data, "variable": place, "side": end, "after": kind})
+        if task.goal is None or best.value >= task.goal:
             break
-    if barrier and its.value < inf:
-        its = replace(its, value=-inf)
-    return replace(its, data={**its.data, "variable": place, "side": end, "barrier": barrier})
+    if best is None:
+        raise SolveError(f"nothing is known of who leaves '{lift.names[place]}'")
+    return best
