@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from test_prove import PROBLEMS
+from test_prove import solved as known
 
 from socp import (
     Ipopt,
@@ -251,6 +253,29 @@ def test_another_motion() -> None:
     found = lower_bound(UNSTABLE, solved(UNSTABLE, "- s"), 60.0, 6).bound
     assert found is not None
     assert 0.98 * best < found <= best
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "degree", "allowed"),
+    [
+        ("double_integrator_time", 8, 0.01),
+        ("double_integrator_vlimit", 6, 0.01),
+        ("jacobson_1", 6, 1e-4),
+        ("catalyst_mixing", 5, 0.01),
+    ],
+)
+def test_registered_problems(name: str, degree: int, allowed: float) -> None:
+    reference = PROBLEMS[name].reference
+    assert reference is not None
+    found = lower_bound(PROBLEMS[name], known(name), 200.0, degree)
+    assert found.bound is not None
+    best, size = reference.objective, abs(reference.objective)
+    assert best - allowed * size < found.bound <= best
+    stages = found.certificate["stages"]
+    if len(stages) > 1:  # the floor of those that leave the last region
+        with pytest.raises(SolveError, match="not shown"):
+            checked({**found.certificate, "stages": stages[1:]})
 
 
 def test_minimum_time_under_a_speed_limit() -> None:

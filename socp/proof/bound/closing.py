@@ -179,8 +179,8 @@ def closed(
     through them costs as much as the goal.
     """
     first = _NARROW if outer else _WIDE
-    outside = outer[-1].found.value if outer else 0.0
-    gap = 0.0 if task.goal is None else max(task.goal - outside, 0.0)
+    # what the region around this one leaves open; without one, leaving has to cost the goal
+    gap = 0.0 if task.goal is None or not outer else task.goal - outer[-1].found.value
     widening, known = dict[tuple[int, int], float](), dict[tuple[int, int], float]()
     cheap: list[tuple[int, int]] = []
     for _ in range(_ROUNDS):
