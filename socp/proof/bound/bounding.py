@@ -108,7 +108,9 @@ def _climbed(
         ansatz = ansatz_of(task.setting, region, each)
         ends = below(ansatz, "at the end", ends_of(task.setting, region), task.setting.final)
         try:
-            found = subsolution(task.setting, ansatz, task.setting.running, ends, clock)
+            found = subsolution(
+                task.setting, ansatz, task.setting.running, ends, clock, task.enough
+            )
         except SolveError as error:
             reason = reason and error
             continue

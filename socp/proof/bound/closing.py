@@ -26,6 +26,7 @@ _WIDE, _NARROW = 0.5, 0.25  # how far sides stand out at first, over the width
 _PART = 0.02
 _HALF = 0.5  # the same where moving out further was in vain
 _WIDER = 2.0  # a side that is reached too cheaply moves out by this factor
+_LEAST = 1e-6  # of the size of a goal
 _MORE = 0.1  # over the goal, relative: leaving need not be shown to cost more
 _CLEAR = 0.01  # of a barrier, which is one at most: well above what rounding leaves
 _MOVED = 1e-3  # of the goal: a side that raises its cost by less does not move on
@@ -57,6 +58,11 @@ class Task:
     setting: Setting
     hull: Hull
     goal: float | None
+
+    @property
+    def enough(self) -> float | None:
+        """What no function needs to exceed: where nobody stays in a region there is no limit."""
+        return None if self.goal is None else self.goal + max(abs(self.goal), _LEAST) * _MORE
 
 
 @final
@@ -215,12 +221,11 @@ def _exit(
     box[place] = (box[place][end],) * 2
     face = Region(lift, with_ranges(lift, box), region.guards)
     running, zero = task.setting.running, lift.zero
-    more = None if task.goal is None else task.goal + abs(task.goal) * _MORE
     tries: list[tuple[str, Polynomial, Polynomial, float | None]] = []
     if outer:
-        tries.append(("outer", running, outer[-1].found.function, more))
+        tries.append(("outer", running, outer[-1].found.function, task.enough))
     if task.setting.nothing_after:
-        tries.append(("nothing", running, zero, more))
+        tries.append(("nothing", running, zero, task.enough))
     elif not outer:
         tries.append(("barrier", zero, zero, 1.0))
     best: Found | None = None

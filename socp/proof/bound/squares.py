@@ -5,7 +5,6 @@ regions, as a semidefinite programme.
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any, final
 
 import numpy as np
@@ -20,24 +19,39 @@ Table = dict[Exponents, Any]
 
 # A semidefinite block costs the sixth power of its size: one of 130 takes minutes
 LARGEST = 130
+# Of a subsolution: its derivatives along the motion have many times as many
+MOST = 1000
 
 
-def monomials(region: Region, caps: Mapping[int, int], degree: int) -> list[Exponents]:
+def monomials(
+    region: Region, caps: Mapping[int, int], degree: int, most: int = MOST
+) -> list[Exponents]:
     """Return the monomials of coordinates up to a degree, each place up to its own; on a circle the
     sine stands at most once, and cosine and sine share the cosine's cap. What has no bounds stands
-    alone, and linearly.
+    alone, and linearly. SolveError where there are more than the most allowed.
     """
-    places = sorted(caps)
-    pairs = region.circles()
+    places, pairs = sorted(caps), region.circles()
     top = {**caps, **{sine: min(caps.get(sine, 0), 1) for sine, _ in pairs}}
-    found = []
-    for powers in product(*(range(top[place] + 1) for place in places)):
-        its = dict(zip(places, powers, strict=True))
-        on_circle = all(its.get(s, 0) + its.get(c, 0) <= caps.get(c, 0) for s, c in pairs)
-        alone = sum(powers) <= 1 or not any(p and not region.bounded(k) for k, p in its.items())
-        if sum(powers) <= degree and on_circle and alone:
-            found.append(tuple(its.get(k, 0) for k in range(len(region.lift.names))))
-    return sorted(found, key=lambda each: (sum(each), each))
+    found: list[dict[int, int]] = [{}]
+    for place in places:
+        longer = [
+            {**its, place: power}
+            for its in found
+            for power in range(1, min(top[place], degree - sum(its.values())) + 1)
+        ]
+        found += [its for its in longer if _allowed(region, its, caps, pairs)]
+        if len(found) > most:
+            raise SolveError(f"more than {most} monomials of degree {degree}")
+    size = len(region.lift.names)
+    every = [tuple(its.get(k, 0) for k in range(size)) for its in found]
+    return sorted(every, key=lambda each: (sum(each), each))
+
+
+def _allowed(
+    region: Region, its: Mapping[int, int], caps: Mapping[int, int], pairs: list[tuple[int, int]]
+) -> bool:
+    on_circle = all(its.get(s, 0) + its.get(c, 0) <= caps.get(c, 0) for s, c in pairs)
+    return on_circle and (sum(its.values()) <= 1 or all(region.bounded(k) for k in its))
 
 
 def table(region: Region, given: Polynomial) -> Table:
@@ -89,19 +103,18 @@ class Blocks:
             for each in its
             if all(region.wide(k) for k, power in enumerate(each) if power)
         }
-        one = ("one", {(0,) * len(region.lift.names): 1})
-        kinds, guards = map(list, zip(one, *_guards(region, present), strict=True))
         tops = _tops(region, present)
         half = (max(map(sum, present), default=0) + 1) // 2
-        bases = []
-        for guard in guards:
-            its = _tops(region, guard)
-            degree = max(map(sum, guard))
-            caps = {k: max((top + 1) // 2 - (its.get(k, 0) + 1) // 2, 0) for k, top in tops.items()}
-            basis = monomials(region, caps, half - (degree + 1) // 2)
-            if len(basis) > LARGEST:
-                raise SolveError(f"a block of {len(basis)} squares is too large")
-            bases.append(basis)
+        kinds, guards, bases = [], [], []
+        for kind, guard in [("one", {(0,) * len(region.lift.names): 1}), *_guards(region, present)]:
+            its, degree = _tops(region, guard), half - (max(map(sum, guard)) + 1) // 2
+            if degree >= 0:
+                caps = {
+                    k: max((top + 1) // 2 - (its.get(k, 0) + 1) // 2, 0) for k, top in tops.items()
+                }
+                kinds.append(kind)
+                guards.append(guard)
+                bases.append(monomials(region, caps, degree, LARGEST))
         return cls(demand, kinds, guards, bases, *_matched(region, present, guards, bases))
 
     def linear(self) -> tuple[np.ndarray, sparse.csr_matrix]:
