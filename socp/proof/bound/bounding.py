@@ -8,7 +8,7 @@ from dataclasses import replace
 from fractions import Fraction
 from math import floor, inf, log10
 
-from socp.errors import SolveError
+from socp.errors import ProblemError, SolveError
 from socp.model import Problem, Solution
 from socp.proof.bound.ansatz import below
 from socp.proof.bound.certificate import certificate, stage
@@ -52,7 +52,7 @@ def lower_bound(
     try:
         for each in _bounds(setting(problem), solution, Clock(seconds), degree):
             found = each
-    except SolveError as error:
+    except (SolveError, ProblemError) as error:
         found = found if found.bound is not None else replace(found, reason=str(error))
     return replace(found, seconds=time.perf_counter() - began)
 
