@@ -4,7 +4,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import product
+from itertools import chain, product
 from math import inf, isqrt
 from typing import final
 
@@ -97,8 +97,11 @@ def subsolution(
     """Return the function of an ansatz with the largest value at the start, up to what is enough,
     that satisfies the inequality of a running cost at every vertex, and the demand on ends.
     """
-    demands = [*decrease(ansatz, running, given.vertices), ends]
-    blocks = [Blocks.of(each) for each in demands]
+    blocks = []
+    for demand in chain(decrease(ansatz, running, given.vertices), (ends,)):
+        if clock() <= 0.0:
+            raise SolveError("there was no time for it")
+        blocks.append(Blocks.of(demand))
     found = solved(value(ansatz, given.start()), blocks, clock, enough)
     coefficients = rounded(found.coefficients)
     proofs = [
@@ -113,7 +116,7 @@ def ansatz_of(given: Setting, region: Region, degree: int, *, bounded: bool = Fa
     """Return the functions of a degree: linear in what has no bounds, or without it; what enters
     through functions alone stands in them alone.
     """
-    lift, caps, appear = given.lift, dict[int, int](), given.appear()
+    lift, caps, appear = given.lift, dict[int, int](), given.lift.appear()
     through = {
         k for _, _, of in lift.functions for k, n in enumerate(of.degrees()[: lift.base]) if n > 0
     }

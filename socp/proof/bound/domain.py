@@ -19,6 +19,7 @@ _NOWHERE: Limits = (None, None)
 # How far out a side is looked for that nothing crosses, over the width of the region
 _OUT = (0.25, 0.5, 1.0, 2.0, 4.0)
 _GRAIN = 64  # sides are multiples of the width over it
+_MANY = 10  # with more variables not even squares of squares fit into a block
 _SETTLED = 30  # rounds in which a reach box closes if it does, about the number of states
 
 
@@ -84,7 +85,7 @@ class Setting:
             k for _, _, of in self.lift.functions for k, n in enumerate(of.degrees()) if n > 0
         }
         free = {k for k in range(self.time) if None in self.given("bounds", k)}
-        return free - self.appear() - through
+        return free - self.lift.appear() - through
 
     def bounded(self) -> set[int]:
         """Return the places of states that nothing depends on and that the problem bounds."""
@@ -92,16 +93,6 @@ class Setting:
             k for _, _, of in self.lift.functions for k, n in enumerate(of.degrees()) if n > 0
         }
         return {k for k in range(self.time) if None not in self.given("bounds", k)} - through
-
-    def appear(self) -> set[int]:
-        """Return the places of base variables that rates, costs or constraints depend on, other
-        than through functions; what they are through functions is bounded anyway.
-        """
-        lift = self.lift
-        its = [*lift.rates, self.running, *lift.path]
-        return {
-            k for each in its for k, degree in enumerate(each.degrees()[: lift.base]) if degree > 0
-        }
 
 
 def setting(problem: Problem) -> Setting:
@@ -113,6 +104,9 @@ def setting(problem: Problem) -> Setting:
     if statement["parameters"]:
         raise SolveError("free parameters have no bound yet")
     lift = lifted(problem)
+    count = len(lift.appear()) + len(lift.functions)
+    if count > _MANY:
+        raise SolveError(f"{count} variables that are not linear are too many: at most {_MANY}")
     boxes = [limits(statement["bounds"][lift.names[k]]) for k in lift.controls]
     vertices = [[each or Fraction(0) for each in vertex] for vertex in product(*boxes)]
     free = float(statement["final_time"][1]) == inf
@@ -159,7 +153,7 @@ def domain(
     stays without bounds.
     """
     lift = setting.lift
-    wanted = setting.appear() | also
+    wanted = setting.lift.appear() | also
     box: list[Limits] = [_NOWHERE] * lift.base
     if not setting.free:
         begin, end = (setting.problem.statement[f"{each}_time"] for each in ("initial", "final"))

@@ -30,6 +30,7 @@ _PLAIN: Mapping[str, Callable[..., Polynomial]] = {
     "twice": lambda a: 2 * a,
 }
 _LIFTED = {"exp", "sin", "cos", "tanh", "inv"}
+_MAKING = {*_LIFTED, "div", "pow", "constpow"}  # entries that may make functions, two at most
 
 
 def enclosed(value: float) -> Ends:
@@ -77,6 +78,15 @@ class Lift:
         """The polynomial that is zero."""
         return self.ring.constant(0)
 
+    def appear(self) -> set[int]:
+        """Return the places of base variables that rates, costs or constraints depend on, other
+        than through functions; what they are through functions is bounded anyway.
+        """
+        its = [*self.rates, self.running, *self.path]
+        return {
+            k for each in its for k, degree in enumerate(each.degrees()[: self.base]) if degree > 0
+        }
+
     def of(self, name: str) -> int:
         """Return the place of a variable."""
         return self.names.index(name)
@@ -86,7 +96,7 @@ def lifted(problem: Problem) -> Lift:
     """Return a problem as polynomials; SolveError names what has no polynomial rate."""
     statement = problem.statement
     nodes = statement["nodes"]
-    wanted = sum(1 for each in nodes if isinstance(each, (list, tuple)))
+    wanted = sum(1 for each in nodes if isinstance(each, (list, tuple)) and each[0] in _MAKING)
     base = [*statement["states"], *statement["parameters"], "t"]
     spare = [f"f{k}" for k in range(2 * wanted)]
     names = [*base, *spare, *statement["controls"]]
