@@ -37,7 +37,7 @@ from socp.search import (
     word_of,
 )
 from socp.solvers import Backend
-from socp.verdict import certified, chattering
+from socp.verdict import certified, chattering, graded
 
 _ROUNDING = 1e-11  # relative: what a difference of two objectives has to exceed to say anything
 # Times: what two ratios tell of the rest; further apart the rest is not known to its first digit
@@ -141,6 +141,11 @@ class _Trials:
 
     def __post_init__(self) -> None:
         self.found = [[] for _ in range(self.most + 1)]
+
+    def allow(self, most: int) -> None:
+        """Allow more switches, and as many words again."""
+        self.found += [[] for _ in range(most - self.most)]
+        self.most, self.words = most, 0
 
     def solve(self, given: Candidate) -> bool:
         """Solve a word that is new and has few enough switches; returns whether it did better than
@@ -254,8 +259,8 @@ def limit_switches(
     watch: Watch = silent,
     backend: Backend | None = None,
 ) -> Solution:
-    """Return the best word of at most so many switches where a solution chatters, for each end of
-    a singular arc where it does, with the frontier in its message.
+    """Return the best word of at most so many switches where a solution chatters, or of as many for
+    each end of a singular arc where that is not enough, with the frontier in its message.
 
     Any other solution comes back as it is, as does one of so few switches that no such word is
     better than.
@@ -271,9 +276,12 @@ def limit_switches(
     ends = max((_ends(solution, each) for each in chattering(problem, solution)), default=0)
     if not ends:
         return solution
-    at_most *= ends
     trials = _Trials(problem, at_most, 0.0, along_words(backend), watch, width=1)
     seen = _frontier(trials, arc_modes(problem), solution, every=False)
+    if ends > 1 and not seen.interrupted and not _near(problem, seen.best):
+        trials.allow(ends * at_most)
+        seen = _frontier(trials, arc_modes(problem), seen.best or solution, every=False)
+        at_most = trials.most
     rows = distinct_rows(seen)
     if seen.interrupted:
         return replace(solution, stop=Stop.INTERRUPTED)
@@ -283,6 +291,12 @@ def limit_switches(
     if not rows or (worse and len(solution.switches) <= at_most):
         return solution
     return replace(rows[-1].after(solution), message=f"{solution.message}; {summary(rows)}")
+
+
+def _near(problem: Problem, best: Solution | None) -> bool:
+    """Tell whether a certified or feasible word is approximately extremal."""
+    judged = None if best is None else graded(problem, best).verdict
+    return judged is not None and judged.approximate
 
 
 def _ends(solution: Solution, control: str) -> int:
