@@ -50,7 +50,7 @@ _COMMANDS: Mapping[str, tuple[str, str]] = {
     "check": ("checking", "Judge a saved result by Pontryagin's principle."),
     "sensitivity": ("deriving", "Derive a saved extremal by its data."),
     "prove": ("proving", "Prove that the extremal of a saved result exists."),
-    "bound": ("bounding", "Prove a lower bound of a problem's optimum."),
+    "bound": ("proving", "Prove a lower bound of a problem's optimum."),
     "compare": ("comparing", "Solve a problem with several methods and print one table."),
     "census": ("surveying", "Find a problem's extremals from many starts, print a table."),
     "frontier": (

@@ -2,7 +2,7 @@
 
 import click
 
-from socp.cli.commands.bounding import certificate_in, check_certificate
+from socp.cli.commands.proving import certificate_in, check_certificate
 from socp.cli.opening import open_result, problem_missing
 from socp.cli.outcome import require_option, required_rung
 from socp.cli.session import Exit, Session, heading, show, write_json
