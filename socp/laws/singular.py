@@ -99,8 +99,8 @@ def _followed(search: Search, budget: list[int]) -> Search:
         budget[0] -= 1
         try:
             return _followed(step(), budget)
-        except LostError as error:
-            lost = lost or error
+        except LostError as error:  # proved only where it is on every branch
+            lost = error if lost is None or lost.proved else lost
     raise lost or _nothing(search, int(held.sum()))
 
 

@@ -160,6 +160,21 @@ def corner(best: float) -> Problem:
     )
 
 
+def priced() -> Problem:
+    """Return a fed batch with a price on its feed: growth is fastest at S = 1, and where the
+    costates of cells and substrate are as 2 to 1 every control would do.
+    """
+    growth = S / (0.5 + S + S**2 / 2)
+    return problem(
+        minimise=-X * V,
+        running=0.1 * u,
+        dynamics={X: growth * X - u / V * X, S: u / V * (50 - S) - 2 * growth * X, V: u},
+        bounds={u: (0, 2)},
+        start={X: 1, S: 3, V: 4},
+        final_time=6,
+    )
+
+
 # problem, control, order, (what vanishes on the arc, the law there)
 FOUND: dict[str, tuple[Callable[[], Problem], str, int, Callable[[Problem], Any]]] = {
     "a rate that is round-off": (lambda: across(pi / 2), "u", 1, lambda _: 0),
@@ -179,6 +194,7 @@ FOUND: dict[str, tuple[Callable[[], Problem], str, int, Callable[[Problem], Any]
     "a conserved sum": (catalyst, "u", 1, None),
     "a conserved quantity at a free time": (feeding, "u", 1, None),
     "a state at its bound": (ribosomes, "u", 2, None),
+    "a branch that leaves the control open beside it": (priced, "u", 1, lambda _: X * V / 49),
     "a corner of the states": (lambda: corner(1e-3), "u", 1, lambda _: 1e-3),
 }
 
