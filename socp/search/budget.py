@@ -56,7 +56,7 @@ _MOVING = 0.4
 # Of the time that a round has, at most: stiff motions of many solutions take longer than a word
 _LOOKING = 0.25
 # Of the time that the rounds have, at most: what is returned where no word is certified
-_HOLDING = 0.4
+_HOLDING = 0.2
 _STARTS = 3  # solutions in hand from which a round starts; others are worse
 # Relative: a grid whose control takes the states further from what it claims has not followed the
 # motion, and is no start
@@ -100,8 +100,24 @@ def escalate(
             directs += scouts_from_motions(problem, guess, staged(watch, "motions"), backend)
         if directs and directs[-1].stop is Stop.INTERRUPTED:
             raise KeyboardInterrupt
+    held: list[Solution] = []
     if not _done(problem, search):
-        directs += _held(problem, directs, backend, staged(watch, "held controls"))
+        held = _held(problem, directs, backend, staged(watch, "held controls"))
+    try:
+        _rounds(problem, search, directs, (steps, backend), watch)
+    finally:  # to conclude with; its many short arcs show words no better than a grid's
+        directs += held
+
+
+def _rounds(
+    problem: Problem,
+    search: Search,
+    directs: list[Solution],
+    grids: tuple[int, Backend],
+    watch: Watch,
+) -> None:
+    """Go through the rounds, from the steps of the first grids and the solver of direct ones."""
+    steps, backend = grids
     for number, more in enumerate(ROUNDS, 2):
         if (
             _done(problem, search)

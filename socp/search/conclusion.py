@@ -226,8 +226,9 @@ def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -
     feasible.
 
     The grids on which words are looked for are coarse, and their controls often miss what they
-    claim: it is solved on finer ones too, whose controls keep their box between the nodes; first
-    with controls that are held over every interval, which do what they claim and do not ring.
+    claim: it is solved on finer ones too, whose controls keep their box between the nodes; where
+    these are not near an extremal, with controls that are held over every interval, which do what
+    they claim and do not ring.
     """
     problem, feasible = finer.problem, word is not None and off(word) <= FEASIBLE
     worth = [
@@ -243,9 +244,10 @@ def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -
     began = time.monotonic()
     with overtime(_OWN):
         best = judge(problem, best)
-    for solve in finer.ways:
+    *grids, held = finer.ways
+    for solve in (*grids, held):
         spent = _JUDGED * (time.monotonic() - began)  # the next takes no less, and as much to solve
-        if seconds_left() <= spent:
+        if seconds_left() <= spent or (solve is held and _stated(best) < float("inf")):
             break
         began = time.monotonic()
         with time_limit(seconds_left() - spent):
@@ -273,11 +275,14 @@ def _first(solutions: Sequence[Solution]) -> Solution:
 
 def _before(one: Solution, other: Solution) -> bool:
     """Tell whether one solution is to be preferred: as `precedes` does, but for one that reaches no
-    more than another and is the nearer to an extremal by the error that its verdict states.
+    more than another and is the nearer to an extremal by the error that its verdict states, and
+    for two that state one, of which that which reaches less is to be had.
     """
     for better, worse in ((one, other), (other, one)):
         if better.reached <= worse.reached and _stated(better) < _stated(worse):
             return better is one
+    if max(_stated(one), _stated(other)) < float("inf"):
+        return one.reached < other.reached
     return precedes(one, other)
 
 
@@ -310,10 +315,10 @@ class _Finer:
         return made[0], made[1]
 
     @property
-    def ways(self) -> Iterator[Callable[[Solution], Solution | None]]:
-        """Ways to solve from a solution on finer grids, one after the other."""
-        yield partial(held_solution, self.problem, backend=self.backend, watch=self.watch)
-        yield from (partial(self, mesh=mesh) for mesh in self.meshes)
+    def ways(self) -> list[Callable[[Solution], Solution | None]]:
+        """Ways to solve from a solution: on finer grids, and with held controls."""
+        held = partial(held_solution, self.problem, backend=self.backend, watch=self.watch)
+        return [*(partial(self, mesh=mesh) for mesh in self.meshes), held]
 
     def __call__(self, known: Solution, mesh: Mesh) -> Solution | None:
         """Solve on another mesh; None where that fails."""

@@ -122,7 +122,9 @@ def _violated(problem: Problem, now: Candidate) -> Iterator[Candidate]:
     found = now.source.verified[0] if now.source.verified else None
     if found is None or found.path <= 1e-7:  # beyond the solver's own tolerance
         return
-    constraint = next(c for c in problem.constraints if c.name == found.path_at)
+    constraint = next((c for c in problem.constraints if c.name == found.path_at), None)
+    if constraint is None:  # where time ended a motion, nothing is known of it
+        return
     t = np.linspace(now.edges[0], now.edges[-1], 2001)
     worst = float(
         t[np.argmax(constraint_values(problem, now.source, constraint, t, now.source.at(t)))]

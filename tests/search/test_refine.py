@@ -249,6 +249,8 @@ def test_a_violated_state_constraint_is_followed_where_it_is_worst() -> None:
     )
     (found,) = mends(problem, tried, revised(solution, arcs=(arc,), verified=(broken,)))
     assert spelt(found) == ["+ -", "b[x.upper] -", "+ -"]
+    unknown = replace(broken, path=np.inf, path_at="")  # its motion was cut off by the time
+    assert not list(mends(problem, tried, revised(solution, arcs=(arc,), verified=(unknown,))))
 
 
 def test_a_ration_ends_with_the_work_and_says_so() -> None:
