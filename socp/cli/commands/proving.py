@@ -17,7 +17,7 @@ from socp.cli.running import made, run_method
 from socp.cli.session import Exit, Session, heading, named_after, show, writable, write_json
 from socp.cli.show import ladder, table_lines
 from socp.errors import ProblemError, SolveError
-from socp.process import write_atomic
+from socp.process import read_text, write_atomic
 from socp.view import Row, Tone, top_text
 
 if TYPE_CHECKING:
@@ -169,9 +169,10 @@ def _known(
 def certificate_in(path: str) -> Mapping[str, Any] | None:
     """Return the certificate that a file holds, None where it is another file."""
     try:
-        found = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
+        text = read_text(path)
+        found = json.loads(text) if f'"{_FORMAT}' in text else None
+    except (SolveError, ValueError, RecursionError):
+        return None  # whoever reads it as a result says what is wrong
     is_one = isinstance(found, dict) and str(found.get("format", "")).startswith(_FORMAT)
     return found if is_one else None
 
