@@ -273,14 +273,17 @@ def limit_switches(
         or not solution.structure
     ):
         return solution
-    ends = max((_ends(solution, each) for each in chattering(problem, solution)), default=0)
-    if not ends:
+    names = chattering(problem, solution)
+    if not any(_ends(solution, each) for each in names):
         return solution
     trials = _Trials(problem, at_most, 0.0, along_words(backend), watch, width=1)
     seen = _frontier(trials, arc_modes(problem), solution, every=False)
+    # the direct solution may ring at an end where the best word does not
+    first = seen.best or solution
+    ends = max(_ends(first, each) for each in names)
     if ends > 1 and not seen.interrupted and not _near(problem, seen.best):
         trials.allow(ends * at_most)
-        seen = _frontier(trials, arc_modes(problem), seen.best or solution, every=False)
+        seen = _frontier(trials, arc_modes(problem), first, every=False)
         at_most = trials.most
     rows = distinct_rows(seen)
     if seen.interrupted:
@@ -301,10 +304,12 @@ def _near(problem: Problem, best: Solution | None) -> bool:
 
 def _ends(solution: Solution, control: str) -> int:
     """Return how many ends of its longest singular arc a control that chatters may do so at: those
-    inside the horizon, 1 or 2.
+    inside the horizon, 1 or 2; none where it has no such arc.
     """
     row = solution.structure[control]
     spans = {k: end - start for k, (mode, start, end) in enumerate(row) if mode == "s"}
+    if not spans:
+        return 0
     longest = max(spans, key=lambda k: spans[k])
     return (longest > 0) + (longest < len(row) - 1)
 

@@ -161,7 +161,8 @@ def test_what_an_extra_brings_is_named_where_it_is_missing(
     monkeypatch.chdir(tmp_path)
     problem = Registry.load().problem("double_integrator_time")
     save(judge(problem, default_guess(problem)), "result.socp.json")
-    monkeypatch.setitem(sys.modules, package, None)
+    for name in [package, *(each for each in sys.modules if each.startswith(f"{package}."))]:
+        monkeypatch.setitem(sys.modules, name, None)
     assert main(command.split()) != 0
     assert f"pip install 'socp[{extra}]'" in capsys.readouterr().err
 
