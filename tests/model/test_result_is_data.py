@@ -63,14 +63,9 @@ json.dump({"codes": codes, "path": [each for each in sys.path if each], "seen": 
 
 def claimed(document: dict[str, Any], text: str) -> None:
     """Put a text wherever a result may hold one that is a name or a remark."""
-    document |= {
-        "problem": text,
-        "method": text,
-        "message": text,
-        "word": text,
-        "options": {text: text},
-    }
-    document["origin"] |= {"versions": {text: text}, "seconds": {text: 1.0}, "trace": {text: [1.0]}}
+    document |= {"problem": text, "message": text, "word": text}
+    document["origin"] |= {"method": text, "options": {text: text}, "versions": {text: text}}
+    document["effort"] |= {"seconds": {text: 1.0}, "trace": {text: [1.0]}}
     document["judgement"]["verdict"] |= {"notes": [text], "chattering": [text]}
     document["judgement"]["verified"][0] |= {"miss_at": text, "error": text}
     document["effort"]["nodes"] = [
