@@ -13,6 +13,7 @@ from socp.cli import main
 from socp.cli.commands.advising import advice
 from socp.cli.commands.solving import solve
 from socp.model.result.findings import Verdict
+from socp.model.result.solution import Stop
 from socp.registry import Registry, load_problem
 
 x = states("x")
@@ -82,6 +83,12 @@ def test_what_was_found_decides_what_is_next(
     assert words[:3] == ["socp", "solve", "rest.py"]
     taken: dict[str, Any] = solve.make_context("solve", words[2:]).params  # it can be pasted
     assert taken["problem"] == "rest.py"
+
+
+def test_an_end_that_cannot_be_reached_in_time_is_tried_at_a_free_time(rough: Solution) -> None:
+    lost = revised(by_auto(rough, Verdict(miss=0.5, miss_at="x")), stop=Stop.INFEASIBLE)
+    told = advice(lost, ["rest.py", "--set", "final_time=1", "--set", "k=2"], "rest.socp.json")
+    assert told[2] == "next: socp solve rest.py --set k=2 --set final_time=free"
 
 
 def test_an_answer_that_is_certified_needs_no_advice() -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from socp.cli.options import DEFAULT_METHOD
 from socp.cli.outcome import outcome
+from socp.model import Stop
 from socp.view import Outcome
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 # Of the seconds allowed: a search that took as much has been ended by them
 _SPENT = 0.75
 _MORE = 4  # times what was not enough, of seconds and of steps: less is seldom felt
+_UNTIMED = ["--set", "final_time=free"]  # tells whether the end can be reached at all
 _SWITCHES = 2  # times those that were allowed: where a control chatters each of them costs as much
 
 
@@ -30,7 +32,11 @@ def advice(solution: "Solution", problem: "Sequence[str]", result: str) -> tuple
     came_to = outcome(solution)
     if came_to in {Outcome.EXTREMAL, Outcome.INTERRUPTED}:
         return ()
-    tried = shlex.join(["socp", "solve", *problem, *_next(solution, result)])
+    on = _next(solution, result)
+    if on == _UNTIMED:
+        at = [k for k, word in enumerate(problem) if word.startswith("final_time=")]
+        problem = [word for k, word in enumerate(problem) if k not in at and k + 1 not in at]
+    tried = shlex.join(["socp", "solve", *problem, *on])
     return (
         f"what: {came_to.value.partition(': ')[2]}",
         f"why:  {_why(solution)}",
@@ -49,6 +55,12 @@ def _why(solution: "Solution") -> str:
     return (*verdict.reasons, *verdict.notes)[0]
 
 
+def _timed(solution: "Solution") -> bool:
+    """Tell whether the final time of its problem is given."""
+    first, last = (solution.statement or {}).get("final_time", (None, None))
+    return first is not None and first == last
+
+
 def _next(solution: "Solution", result: str) -> list[str]:
     """Return the options of the next command, by what this one was given and what it found."""
     verdict, given = solution.verdict, solution.options
@@ -61,6 +73,8 @@ def _next(solution: "Solution", result: str) -> list[str]:
         # along a word the search goes on where it ended
         on = ["--guess", result] if solution.lawful and feasible else []
         return [*on, "--seconds", f"{_MORE * given['seconds']:g}"]
+    if solution.stop is Stop.INFEASIBLE and _timed(solution):
+        return _UNTIMED
     if not feasible:
         return ["-o", f"steps={_MORE * given['steps']}"]
     return ["-m", "mboc", "-o", f"switches={len(solution.switches) + 1}"]
