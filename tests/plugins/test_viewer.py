@@ -180,7 +180,7 @@ def test_the_solver_is_seen(screen: Viewer, shown: Shown, folder: Path) -> None:
 
 
 def test_the_solve_as_it_ran_is_seen(screen: Viewer, shown: Shown, folder: Path) -> None:
-    pictures = look(screen, shown, folder, 2, "progress", shown.effort.iterations)
+    pictures = look(screen, shown, folder, 2, "progress", shown.iterations)
     for name, image in pictures.items():
         assert int((image.max(axis=2) > 90).sum()) > 100, name
     blue = near(pictures["Iterates in the plane"], (70, 140, 215), 45)
