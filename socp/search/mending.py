@@ -3,7 +3,7 @@ is wrong.
 """
 
 from collections.abc import Iterator
-from itertools import pairwise, product
+from itertools import chain, pairwise, product
 
 import numpy as np
 
@@ -85,15 +85,15 @@ def _outside(problem: Problem, now: Candidate) -> Iterator[Candidate]:
     at once and then where one is furthest out: where it pays to leave it, a shorter one shrinks to
     none.
     """
-    runs = [run for arc in now.source.arcs for run in _excursions(problem, arc)]
-    if len(runs) > 1:
+    by_arc = [list(_excursions(problem, arc)) for arc in now.source.arcs]
+    if sum(map(len, by_arc)) > 1:
         everywhere = now
-        for i, bound, span, _, _ in runs:
+        for i, bound, span, _, _ in chain.from_iterable(by_arc):
             everywhere = held(everywhere, i, bound, span)
         yield everywhere
-    for arc in now.source.arcs:
+    for runs in by_arc:
         for i in range(len(problem.control_names)):
-            own = [run for run in _excursions(problem, arc) if run[0] == i]
+            own = [run for run in runs if run[0] == i]
             if own:
                 _, bound, span, t, _ = max(own, key=lambda run: run[-1])
                 yield held(now, i, bound, span)

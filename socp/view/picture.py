@@ -11,6 +11,7 @@ import numpy as np
 from socp.model import Expr, Problem, Scene, Solution, column, evaluate, parameters_of, time
 
 _ARROWS = 90  # of a current, about
+_FLAT = 2.5  # pictures wider than this times their height go across a page
 _MARGIN = 0.06  # of the picture's size, left free around the path
 
 
@@ -63,6 +64,17 @@ class Picture:
         """How much wider the picture is than high, 1 for a phase plane, which fills any frame."""
         width, height = self.box[:, 1] - self.box[:, 0]
         return float(width / height) if self.spatial else 1.0
+
+    @property
+    def flat(self) -> bool:
+        """Whether the picture is so much wider than high that it goes across a page."""
+        return self.stretch > _FLAT
+
+    @property
+    def headed(self) -> np.ndarray:
+        """Numbers of about a dozen points, evenly along the path, at which headings are shown."""
+        gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.path, axis=1)))])
+        return np.unique(np.searchsorted(gone, np.linspace(0.0, gone[-1], 13)[1:-1]))
 
 
 def scene_of(problem: Problem) -> Scene:

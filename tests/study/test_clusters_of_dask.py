@@ -23,7 +23,8 @@ def same(found: Sweep) -> list[dict[str, Any]]:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")  # those of the cluster's own
 def test_a_killed_worker_costs_nothing() -> None:
-    distributed = pytest.importorskip("distributed")
+    import distributed
+
     alone = sweep(POND, AT)
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as two,
@@ -54,7 +55,6 @@ def test_a_killed_worker_costs_nothing() -> None:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")
 def test_a_cluster_is_made_and_ended_and_an_address_is_asked() -> None:
-    pytest.importorskip("distributed")
     with engine("local", 1) as hands:
         assert hands.dashboard.startswith("http")
         found = sweep(POND, {"level": [0.3]}, workers=hands.workers)

@@ -9,28 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import ponds
 import pytest
 from ponds import POND
 
 from socp.study import points, sweep
 from socp.view import rows_from_parquet
 
-FILE = """
-from socp import Problem, constants, controls, states
-
-x = states("x")
-u = controls("u")
-level, rate = constants(level=0.25, rate=1)
-problem = Problem(
-    name="pond",
-    running=(x - level) ** 2,
-    dynamics={x: u},
-    bounds={u: (-rate, rate)},
-    start={x: 1},
-    end={x: 1},
-    final_time=4,
-)
-"""
 KILLS = 6  # of the command, and of one of its workers, in turn
 RANGE = "1.6:3.1:24"
 
@@ -41,8 +26,8 @@ def same(rows: Any) -> list[dict[str, Any]]:
 
 @pytest.mark.slow
 def test_killed_at_random_it_ends_in_the_same_table(tmp_path: Path) -> None:
-    (tmp_path / "pond.py").write_text(FILE)
-    words = ("sweep", "pond.py", "--set", f"final_time={RANGE}", "-j", "2", "--quiet")
+    file = f"{ponds.__file__}:POND"
+    words = ("sweep", file, "--set", f"final_time={RANGE}", "-j", "2", "--quiet")
     command = [sys.executable, "-m", "socp.cli", *words]
     random = np.random.default_rng(0)
     for kill in range(KILLS):

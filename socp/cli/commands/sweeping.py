@@ -26,7 +26,7 @@ from socp.cli.session import (
     write_json,
 )
 from socp.errors import KeepingError
-from socp.process import short, signals_held
+from socp.process import short, signals_held, write_atomic
 
 if TYPE_CHECKING:
     from socp.model import Problem
@@ -131,7 +131,6 @@ def _facts(problem: "Problem", found: "Sweep") -> Mapping[str, Any]:
 
 
 def _written(session: Session, problem: "Problem", found: "Sweep", path: Path) -> None:
-    from socp.process import write_atomic
     from socp.view import rows_to_parquet
 
     write_atomic(path, rows_to_parquet(found.rows, _facts(problem, found)))

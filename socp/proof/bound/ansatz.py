@@ -54,20 +54,18 @@ class Ansatz:
     def flow(self, vertex: Sequence[Fraction]) -> list[Polynomial]:
         """Return the derivatives of the monomials along the motion under a constant control."""
         lift, region = self.region.lift, self.region
-        ring, gens = lift.ring, lift.ring.gens()
-        field = []
-        for k, rate in enumerate(lift.rates):
-            its = region.scaled(at_vertex(lift, rate, vertex)) / rational(region.radius(k))
-            field.append(its)
+        field = [
+            region.scaled(at_vertex(lift, rate, vertex)) / rational(region.radius(k))
+            for k, rate in enumerate(lift.rates)
+        ]
         found = []
         for each in self.monomials:
             total = lift.zero
             for k, power in enumerate(each[: len(field)]):
                 if power and field[k] != 0:
                     lower = [p - (i == k) for i, p in enumerate(each)]
-                    total += power * ring.from_dict({tuple(lower): 1}) * field[k]
+                    total += power * lift.ring.from_dict({tuple(lower): 1}) * field[k]
             found.append(total)
-        del gens
         return found
 
 

@@ -116,10 +116,8 @@ def ansatz_of(given: Setting, region: Region, degree: int, *, bounded: bool = Fa
     """Return the functions of a degree: linear in what has no bounds, or without it; what enters
     through functions alone stands in them alone.
     """
-    lift, caps, appear = given.lift, dict[int, int](), given.lift.appear()
-    through = {
-        k for _, _, of in lift.functions for k, n in enumerate(of.degrees()[: lift.base]) if n > 0
-    }
+    lift, caps = given.lift, dict[int, int]()
+    appear, through = lift.appear(), lift.through()
     for k in range(lift.base + len(lift.functions)):
         if k == given.time and (given.free or (k in through and k not in appear)):
             continue

@@ -10,7 +10,8 @@ from typing import Any, final
 from socp.errors import SolveError
 from socp.model import Problem
 from socp.proof.bound.ansatz import at_vertex
-from socp.proof.bound.lifting import Lift, Limits, Polynomial, limits, span
+from socp.proof.bound.checking import nonnegative
+from socp.proof.bound.lifting import Lift, Limits, Polynomial, lifted, limits, span
 from socp.proof.bound.sets import Region, with_ranges
 
 Hull = Mapping[str, tuple[float, float]]
@@ -81,25 +82,17 @@ class Setting:
         """Return the places of states that nothing depends on, not even through a function, and
         that the problem leaves without bounds: functions may be linear in them on all states.
         """
-        through = {
-            k for _, _, of in self.lift.functions for k, n in enumerate(of.degrees()) if n > 0
-        }
         free = {k for k in range(self.time) if None in self.given("bounds", k)}
-        return free - self.lift.appear() - through
+        return free - self.lift.appear() - self.lift.through()
 
     def bounded(self) -> set[int]:
         """Return the places of states that nothing depends on and that the problem bounds."""
-        through = {
-            k for _, _, of in self.lift.functions for k, n in enumerate(of.degrees()) if n > 0
-        }
-        return {k for k in range(self.time) if None not in self.given("bounds", k)} - through
+        bounded = {k for k in range(self.time) if None not in self.given("bounds", k)}
+        return bounded - self.lift.through()
 
 
 def setting(problem: Problem) -> Setting:
     """Return the setting of a problem; SolveError says what has no bound yet."""
-    from socp.proof.bound.checking import nonnegative
-    from socp.proof.bound.lifting import lifted
-
     statement = problem.statement
     if statement["parameters"]:
         raise SolveError("free parameters have no bound yet")

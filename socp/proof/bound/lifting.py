@@ -58,8 +58,7 @@ class Lift:
 
     A function is (operation, place of its name, polynomial that it is of). `rates` are those of all
     variables but controls; running cost, final cost, path constraints c <= 0 and end conditions are
-    (polynomial, equality). `speed` is the weight of the final time in what is minimised, where that
-    is a running cost of its own.
+    (polynomial, equality).
     """
 
     names: list[str]
@@ -86,6 +85,11 @@ class Lift:
         return {
             k for each in its for k, degree in enumerate(each.degrees()[: self.base]) if degree > 0
         }
+
+    def through(self) -> set[int]:
+        """Return the places of base variables that functions are of."""
+        degrees = (of.degrees()[: self.base] for _, _, of in self.functions)
+        return {k for each in degrees for k, degree in enumerate(each) if degree > 0}
 
     def of(self, name: str) -> int:
         """Return the place of a variable."""
@@ -159,7 +163,7 @@ class _Reader:
         if isinstance(node, str):
             return self._symbol(node)
         if isinstance(node, (int, float)):
-            return lift.ring.constant(_rational(Fraction(repr(float(node)))))
+            return lift.ring.constant(rational(Fraction(repr(float(node)))))
         operation, given = node[0], node[1:]
         if operation in {"pow", "constpow"}:
             return self._power(self.at(given[0]), self._nodes[given[1]])
@@ -193,16 +197,13 @@ class _Reader:
 
     def _size(self, of: Polynomial) -> Polynomial:
         """Return the modulus of what has one sign by the bounds of the problem."""
-        low, high = span(of, [limits(self._bounds.get(name, (-inf, inf))) for name in self._names])
+        names = self._lift.names
+        low, high = span(of, [limits(self._bounds.get(name, (-inf, inf))) for name in names])
         if low is not None and low >= 0:
             return of
         if high is not None and high <= 0:
             return -of
         raise SolveError("fabs of what the bounds give no sign has no polynomial")
-
-    @property
-    def _names(self) -> Sequence[str]:
-        return self._lift.names
 
     def _function(self, operation: str, of: Polynomial) -> Polynomial:
         lift = self._lift
@@ -224,10 +225,6 @@ class _Reader:
         raise SolveError(f"'{operation}' of a number is no fraction")
 
 
-def _rational(value: Fraction) -> Any:
-    return flint().fmpq(value.numerator, value.denominator)
-
-
 def fraction(value: Any) -> Fraction:
     """Return a rational of flint as a fraction."""
     return Fraction(int(value.p), int(value.q))
@@ -235,7 +232,7 @@ def fraction(value: Any) -> Fraction:
 
 def rational(value: Fraction) -> Any:
     """Return a fraction as a rational of flint."""
-    return _rational(value)
+    return flint().fmpq(value.numerator, value.denominator)
 
 
 def span(of: Polynomial, box: Sequence[Limits]) -> Limits:

@@ -1,4 +1,4 @@
-"""Gram matrices as explicit squares with exact coefficients, and the defect that is left."""
+"""Gram matrices as explicit squares with exact coefficients."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from typing import Any, final
 import numpy as np
 from scipy.sparse.linalg import spsolve
 
-from socp.proof.bound.squares import Blocks, Exponents, Table
+from socp.proof.bound.squares import Blocks, Exponents
 
 # Coefficients are multiples of one over it, relative to the largest: finer than the solver's
 # accuracy, and short to write
@@ -20,15 +20,14 @@ _NONE = 1e-13  # of the largest eigenvalue: a square below it is left out
 @final
 @dataclass(frozen=True, eq=False)
 class Squares:
-    """A demand shown: sum over guards of guard * sum of squares of rows . basis / scale, and the
-    defect, a bound of the modulus of what is left.
+    """A demand shown, but for what the checker finds left of it: sum over guards of guard * sum of
+    squares of rows . basis / scale.
     """
 
     kinds: list[Any]
     bases: list[list[Exponents]]
     rows: list[list[list[int]]]
     scales: list[int]
-    defect: Fraction
 
 
 def rounded(values: np.ndarray) -> list[Fraction]:
@@ -55,14 +54,7 @@ def shown(blocks: Blocks, coefficients: Sequence[Fraction], grams: Sequence[np.n
         its, scale = _factor(gram)
         rows.append(its)
         scales.append(scale)
-    left_over = _left(blocks, exact, rows, scales)
-    return Squares(
-        blocks.kinds,
-        blocks.bases,
-        rows,
-        scales,
-        sum((abs(each) for each in left_over.values()), Fraction(0)),
-    )
+    return Squares(blocks.kinds, blocks.bases, rows, scales)
 
 
 def _factor(gram: np.ndarray) -> tuple[list[list[int]], int]:
@@ -76,27 +68,3 @@ def _factor(gram: np.ndarray) -> tuple[list[list[int]], int]:
     triangle = np.linalg.qr(rows, mode="r")  # the same squares, half the numbers
     scale = max(1, int(_COARSE / 2 ** int(np.ceil(np.log2(np.max(np.abs(triangle)))))))
     return [[round(float(each) * scale) for each in row] for row in triangle], scale
-
-
-def _left(
-    blocks: Blocks, exact: Table, rows: Sequence[Sequence[Sequence[int]]], scales: Sequence[int]
-) -> Table:
-    """Return what a polynomial exceeds its squares by."""
-    region, found = blocks.demand.region, dict(exact)
-    for guard, basis, its, scale in zip(blocks.guards, blocks.bases, rows, scales, strict=True):
-        products: Table = {}
-        columns = list(zip(*its, strict=True))
-        for i, a in enumerate(basis if its else []):
-            for j, b in enumerate(basis[: i + 1]):
-                value = sum(map(int.__mul__, columns[i], columns[j])) * (1 if i == j else 2)
-                if value:
-                    both = tuple(map(int.__add__, a, b))
-                    products[both] = products.get(both, 0) + value
-        raw: Table = {}
-        for e, value in products.items():
-            for g, factor in guard.items():
-                both = tuple(map(int.__add__, e, g))
-                raw[both] = raw.get(both, 0) + value * factor
-        for e, value in region.reduced(raw).items():
-            found[e] = found.get(e, 0) - Fraction(value) / scale**2
-    return found

@@ -88,7 +88,6 @@ class Blocks:
 
     demand: Demand
     kinds: list[Any]
-    guards: list[Table]
     bases: list[list[Exponents]]
     rows: list[Exponents]
     matrix: sparse.csr_matrix
@@ -115,7 +114,7 @@ class Blocks:
                 kinds.append(kind)
                 guards.append(guard)
                 bases.append(monomials(region, caps, degree, LARGEST))
-        return cls(demand, kinds, guards, bases, *_matched(region, present, guards, bases))
+        return cls(demand, kinds, bases, *_matched(region, present, guards, bases))
 
     def linear(self) -> tuple[np.ndarray, sparse.csr_matrix]:
         """Return the demand's coefficients in `rows`, (rows,) and (rows, n)."""

@@ -293,6 +293,5 @@ def _here(task: Task, waiting: deque[Job]) -> Generator[tuple[Job, Walked | None
 
 def _lost(job: Job) -> Walked:
     """Return what there is to say of a chain whose worker died: others go on from before it."""
-    rows = dict[int, Mapping[str, Any]]()
-    rows |= {number: nothing("its worker died") for number, _ in job.points}
+    rows: dict[int, Mapping[str, Any]] = {k: nothing("its worker died") for k, _ in job.points}
     return Walked(job.number, rows, dict.fromkeys(job.wanted, job.near))

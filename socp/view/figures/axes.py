@@ -12,9 +12,6 @@ if TYPE_CHECKING:
     from socp.view.picture import Picture
 
 _LANE = (0.04, 0.145, 0.165)  # inches above a panel: the lane's lower and upper edge, and the names
-_MARKED = (
-    40  # switching times that are marked at most: more of them are ringing, and grey everything
-)
 
 
 def draw_curve(axes: Any, curve: Curve, warp: Callable[[Any], np.ndarray]) -> None:
@@ -27,7 +24,7 @@ def draw_curve(axes: Any, curve: Curve, warp: Callable[[Any], np.ndarray]) -> No
     axes.set_xlim(*warp(np.array(curve.span)))
     if curve.stretches:
         _shade(axes, curve, warp)
-    if len(curve.switches) <= _MARKED:
+    if len(curve.switches) <= style.MARKED:
         for t in curve.switches:
             axes.axvline(float(warp(t)), color=style.FAINT, lw=0.5, ls=(0, (1, 2)), zorder=1)
     for bound in curve.bounds:
@@ -131,7 +128,7 @@ def draw_scene(
 
 def _points(axes: Any, picture: "Picture") -> None:
     """Draw start, end and switching points, under the names that the legend takes."""
-    if len(picture.marks) <= _MARKED:
+    if len(picture.marks) <= style.MARKED:
         places = np.array([mark.place for mark in picture.marks]).reshape(-1, 2).T
         axes.plot(
             *places,
@@ -180,8 +177,7 @@ def _headings(axes: Any, picture: "Picture") -> None:
     heading, ((left, right), (low, high)) = picture.heading, picture.box
     if heading is None:
         return
-    gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(picture.path, axis=1)))])
-    at = np.unique(np.searchsorted(gone, np.linspace(0.0, gone[-1], 13)[1:-1]))
+    at = picture.headed
     size = 0.028 * max(right - left, high - low)
     x, y = picture.path[:, at]
     axes.quiver(

@@ -34,7 +34,6 @@ PANELS = ("scene", "controls", "switching", "states", "costates", "multipliers",
 DEFAULT = PANELS[:-1]
 ENDINGS = ("png", "svg", "pdf")
 WIDTH = 7.0  # inches: both columns of a page
-_FLAT = 2.5  # scenes flatter than this go across the page
 _DPI = 200
 
 
@@ -133,10 +132,8 @@ def _scene(
     if not has_scene(problem):
         return None
     seen, labels = scene_of_group(solution, problem, group)
-    (left, right), (low, high) = seen.box
-    ratio = (right - left) / (high - low) if seen.spatial else 1.6
-    across = seen.spatial and ratio > _FLAT
-    room = width if across or width < TWO else 0.5 * width
+    ratio = seen.stretch if seen.spatial else 1.6
+    room = width if seen.flat or width < TWO else 0.5 * width
     height = min((room - LEFT - RIGHT) / ratio, 2.6)
     put = partial(
         draw_scene,
@@ -144,4 +141,4 @@ def _scene(
         labels=labels,
         looks=tuple(each.look for each in group.others),
     )
-    return Panel(put, height, timed=False), across
+    return Panel(put, height, timed=False), seen.flat

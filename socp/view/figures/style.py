@@ -11,6 +11,7 @@ from socp.process import one_line
 
 FONT, SMALL = 8.0, 7.0  # points, as in the captions and notes of a two-column paper
 THIN, LINE = 0.6, 1.1  # points
+MARKED = 40  # switching times that are marked at most: more are ringing, and grey everything
 _TINT = 0.25  # share of its colour in the shade of an arc
 INK, FAINT, ACCENT = "#1a1a1a", "#8a8a8a", "#0b5394"
 

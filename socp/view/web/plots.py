@@ -17,9 +17,7 @@ if TYPE_CHECKING:
     from socp.view.picture import Picture
 
 _FIGURES = 8  # digits of a plotted value
-_MARKED = 40  # switching times that are marked at most, as in figures
 _GRID = "#e6e6e6"
-_FLAT = 2.5  # scenes flatter than this go across the page, as in figures
 _HEAD = 0.3  # of an arrow's length
 _DASHES = ("dash", "dot", "dashdot", "longdash")
 _LETTERS = re.compile(r"\\([A-Za-z]+)")
@@ -106,13 +104,12 @@ def scene_plot(picture: "Picture", labels: tuple[str, str], group: Group) -> Plo
     layout = _layout(across, up, shapes)
     layout["margin"] |= {"l": 60, "b": 44}
     layout["hovermode"] = "closest"
-    wide = picture.spatial and (right - left) > _FLAT * (high - low)
     return Plot(
         title="scene",
         traces=traces,
         layout=layout,
-        height=260 if wide else 400,
-        wide=wide,
+        height=260 if picture.flat else 400,
+        wide=picture.flat,
         timed=False,
     )
 
@@ -204,7 +201,7 @@ def _arc_names(curve: Curve) -> Iterator[dict[str, Any]]:
 def _marks(curve: Curve, low: float, high: float) -> Iterator[dict[str, Any]]:
     """Yield lines at switching times, bounds and zero."""
     faint = {"type": "line", "layer": "below"}
-    if len(curve.switches) <= _MARKED:
+    if len(curve.switches) <= style.MARKED:
         for t in curve.switches:
             line = {"color": style.FAINT, "width": 1, "dash": "dot"}
             yield {**faint, "x0": t, "x1": t, "y0": 0, "y1": 1, "yref": "paper", "line": line}
@@ -217,7 +214,7 @@ def _marks(curve: Curve, low: float, high: float) -> Iterator[dict[str, Any]]:
 def _places(picture: "Picture") -> Iterator[dict[str, Any]]:
     """Yield start, end and switches as points."""
     point = {"type": "scatter", "mode": "markers", "hovertemplate": "%{text}"}
-    if 0 < len(picture.marks) <= _MARKED:
+    if 0 < len(picture.marks) <= style.MARKED:
         places = np.array([mark.place for mark in picture.marks]).T
         texts = [escape(f"{mark.label} at t = {mark.t:.10g}") for mark in picture.marks]
         look = {"size": 8, "color": "white", "line": {"color": style.ACCENT, "width": 1.6}}
@@ -240,8 +237,7 @@ def _current(points: np.ndarray, flow: np.ndarray) -> dict[str, Any]:
 
 def _headings(picture: "Picture", heading: np.ndarray) -> dict[str, Any]:
     """Return about a dozen arrows that show where the vehicle points, headings (n,)."""
-    gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(picture.path, axis=1)))])
-    at = np.unique(np.searchsorted(gone, np.linspace(0.0, gone[-1], 13)[1:-1]))
+    at = picture.headed
     size = 0.04 * float((picture.box[:, 1] - picture.box[:, 0]).max())
     along = size * np.array([np.cos(heading[at]), np.sin(heading[at])])
     return _arrows(picture.path[:, at], along, style.ACCENT, "heading")
