@@ -168,7 +168,7 @@ def test_any_executor_does_the_work(found: Sweep) -> None:
 
 
 def test_a_failure_is_a_row() -> None:
-    found = sweep(POND, {"end.x": [1.0, 9.0], "bounds.u.upper": [1.0, -3.0]}, seconds=5.0)
+    found = sweep(POND, {"end.x": [1.0, 9.0], "bounds.u.upper": [1.0, -3.0]})
     good, far = [row for row in found.rows if row["bounds.u.upper"] == 1]
     empty = [row for row in found.rows if row["bounds.u.upper"] == -3]
     assert good["message"] == ""
