@@ -9,7 +9,7 @@ import casadi
 import numpy as np
 
 from socp.errors import MethodError
-from socp.model import Arc, Effort, Problem, Solution, numbers, time
+from socp.model import Arc, Effort, Problem, Solution, cached, numbers, of_motion, time
 from socp.solvers import NLPPoint
 from socp.transcription.mesh import Table
 from socp.transcription.phases import Phase, PhasedProblem
@@ -177,8 +177,7 @@ def _arc(layout: Layout, point: NLPPoint, k: int) -> Arc:
     carried = v[layout.carried[k]].reshape(t.tau.size, -1).T
     z = v[layout.binaries[k]]
     given = [x, free, carried, times, v[layout.parameters], z]
-    symbols = [problem.x, phase.free, phase.carried, time, problem.p, phase.z]
-    (u,) = numbers(casadi.Function("control", symbols, [phase.control]), *given)
+    (u,) = numbers(_of_phase(problem, phase)[0], *given)
     return Arc(
         t=times,
         x=x,
@@ -206,14 +205,23 @@ def _everywhere(values: np.ndarray, t: Table, times: np.ndarray) -> np.ndarray:
     return out
 
 
-def _slope(problem: Problem, phase: Phase) -> casadi.Function:
-    """Return the gradient of the Hamiltonian along the phase's law, a function of x, v, y, t, p, z
-    and the costate.
+@of_motion
+def _of_phase(problem: Problem, phase: Phase) -> tuple[casadi.Function, casadi.Function]:
+    """Return a phase's controls, and the gradient of the Hamiltonian along its law, as functions of
+    x, v, y, t, p, z, the gradient's of the costate too; built once for all arcs of its modes
+    between two knots, unless it has a choice.
     """
+    known, key = cached(problem, _of_phase), (phase.modes, phase.when)
+    if phase.choice is None and key in known:
+        return known[key]
     rate, running = phase.flow(problem)
     gradient = casadi.gradient(running + casadi.dot(problem.costate, rate), problem.x)
-    symbols = [problem.x, phase.free, phase.carried, time, problem.p, phase.z, problem.costate]
-    return casadi.Function("slope", symbols, [gradient])
+    given = [problem.x, phase.free, phase.carried, time, problem.p, phase.z]
+    control = casadi.Function("control", given, [phase.control])
+    slope = casadi.Function("slope", [*given, problem.costate], [gradient])
+    if phase.choice is None:
+        known[key] = control, slope
+    return control, slope
 
 
 def _costate(layout: Layout, point: NLPPoint, k: int, given: list[np.ndarray]) -> np.ndarray:
@@ -226,7 +234,7 @@ def _costate(layout: Layout, point: NLPPoint, k: int, given: list[np.ndarray]) -
         return costate
     multipliers = point.lam_g[layout.defects[k]].reshape(-1, nx)
     costate[:, t.collocated] = -(t.B.T @ multipliers).T[:, t.collocated] / t.weights[t.collocated]
-    length, gradient = point.v[layout.lengths][k], _slope(problem, layout.phased.phases[k])
+    length, gradient = point.v[layout.lengths][k], _of_phase(problem, layout.phased.phases[k])[1]
     begins, ends = (_edge(t, multipliers, (length, gradient, given), last) for last in (0, 1))
     inner = {
         "left": begins[:, 1:],
@@ -250,10 +258,11 @@ def _edge(
     Radau points.
     """
     length, gradient, given = flow
-    sensitivity: np.ndarray = (t.at_edges(t.A, last).T @ multipliers).T
+    outer, inner = t.at_edges[last]
+    sensitivity: np.ndarray = (outer.T @ multipliers).T
     weights = t.edges[last]
     if (weights > 0).all():
-        stage = -(t.at_edges(t.B, last).T @ multipliers).T / weights
+        stage = -(inner.T @ multipliers).T / weights
         nodes = t.mesh[last : t.mesh.size - 1 + last]
         at = [*(a[:, nodes] for a in given[:3]), given[3][nodes], *given[4:]]
         (slope,) = numbers(gradient, *at, stage)

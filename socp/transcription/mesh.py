@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import accumulate
 from typing import final
 
@@ -58,10 +58,14 @@ class Table:
         """Indices of the nodes that carry a control."""
         return np.flatnonzero(self.weights > 0)
 
-    def at_edges(self, matrix: sparse.csr_matrix, last: int) -> sparse.csr_matrix:
-        """Return the part (m, k) of A or B that acts on the first (last = 0) or last (1) node of
-        every interval.
+    @cached_property
+    def at_edges(self) -> list[tuple[sparse.csr_matrix, sparse.csr_matrix]]:
+        """The parts (m, k) of A and B that act on the first nodes of the intervals, and those that
+        act on the last.
         """
+        return [(self._at(self.A, last), self._at(self.B, last)) for last in (0, 1)]
+
+    def _at(self, matrix: sparse.csr_matrix, last: int) -> sparse.csr_matrix:
         entries = matrix.tocoo()
         interval = np.searchsorted(self.mesh, entries.row, side="right") - 1
         here = entries.col == self.mesh[interval + last]
@@ -77,6 +81,10 @@ def table(mesh: Mesh) -> Table:
     do not fit together.
     """
     _check(mesh)
+    return (_kept if len(mesh) <= _SMALL else _joined)(tuple(mesh))
+
+
+def _joined(mesh: tuple[tuple[float, Scheme], ...]) -> Table:
     shares = np.array([share for share, _ in mesh], dtype=float) / sum(share for share, _ in mesh)
     ends = np.append(0.0, np.cumsum(shares))
     corners = np.array(list(accumulate((s.nodes.size - 1 for _, s in mesh), initial=0)))
@@ -93,6 +101,11 @@ def table(mesh: Mesh) -> Table:
     A, B = (_sparse(data, rows, columns, (corners[-1], tau.size)) for data in (a, b))
     edges = shares / 2.0 * np.array([scheme.weights[[0, -1]] for _, scheme in mesh]).T
     return Table(tau, A, B, weights, corners, edges, mesh[0][1].side)
+
+
+# the arcs of a word are solved on the same meshes again and again; those of large grids are not
+_SMALL, _KEPT = 100, 64
+_kept = lru_cache(maxsize=_KEPT)(_joined)
 
 
 def _check(mesh: Mesh) -> None:
