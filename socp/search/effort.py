@@ -46,13 +46,13 @@ class Ration:
         """Solve with as many iterations as are left; without any the point is the guess, at its
         limit.
         """
-        most = int(self.left / nlp.v.numel()) - _SETUP
+        most = int(self.left / nlp.count) - _SETUP
         if most < 1:
             return replace(
                 guess, stop=Stop.LIMIT, message="the work allowed for the search is done"
             )
         point = self.backend.limited(most)(nlp, guess, watch)
-        self.left -= (point.iterations + _SETUP) * nlp.v.numel()
+        self.left -= (point.iterations + _SETUP) * nlp.count
         return point
 
 

@@ -4,6 +4,7 @@ backend.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Generic, Protocol, Self, TypeVar, final
 
 import numpy as np
@@ -35,20 +36,52 @@ class Derivatives:
 class NLP:
     """Minimise f(v) subject to v_box[0] <= v <= v_box[1] and g_box[0] <= g(v) <= g_box[1].
 
-    v (n, 1), f (1, 1) and g (m, 1) are casadi SX; v_box (2, n); g_box (2, m); binary (n,) flags
-    what must be 0 or 1; `unit` is what f is measured in: the objective is unit * f. `derivatives`
-    gives those of f and g where they are known, None where a solver has to find them; whoever
-    replaces v, f or g replaces them too.
+    `formula` writes v (n, 1), f (1, 1) and g (m, 1) as casadi SX, once they are asked for; v_box
+    (2, n); g_box (2, m); binary (n,) flags what must be 0 or 1; `unit` is what f is measured in:
+    the objective is unit * f. `derivatives` gives those of f and g where they are known, None where
+    a solver has to find them, with no need of the formula; whoever replaces that replaces them too.
     """
 
-    v: Expr
-    f: Expr
-    g: Expr
+    formula: Callable[[], tuple[Expr, Expr, Expr]]
     v_box: np.ndarray
     g_box: np.ndarray
     binary: np.ndarray
     unit: float = 1.0
     derivatives: Callable[[], Derivatives] | None = None
+
+    @classmethod
+    def of(cls, v: Expr, f: Expr, g: Expr, **known: Any) -> Self:
+        """Return a programme that is written down, with all else."""
+        return cls(formula=lambda: (v, f, g), **known)
+
+    @property
+    def v(self) -> Expr:
+        """The variables (n, 1)."""
+        return self._written[0]
+
+    @property
+    def f(self) -> Expr:
+        """The objective (1, 1) over its unit."""
+        return self._written[1]
+
+    @property
+    def g(self) -> Expr:
+        """The rows (m, 1)."""
+        return self._written[2]
+
+    @cached_property
+    def _written(self) -> tuple[Expr, Expr, Expr]:
+        return self.formula()
+
+    @property
+    def count(self) -> int:
+        """Number n of the variables."""
+        return int(self.v_box.shape[1])
+
+    @property
+    def rows(self) -> int:
+        """Number m of the rows."""
+        return int(self.g_box.shape[1])
 
 
 @final

@@ -57,7 +57,7 @@ def work(job: Mapping[str, Any], tell: Tell) -> None:
     f, g = function(v)
     boxes = {name: np.array(job[name], dtype=float) for name in ("v_box", "g_box")}
     binary = np.array(job["binary"], dtype=bool)
-    nlp = NLP(v=v, f=f, g=g, v_box=boxes["v_box"], g_box=boxes["g_box"], binary=binary)
+    nlp = NLP.of(v, f, g, v_box=boxes["v_box"], g_box=boxes["g_box"], binary=binary)
     model = pyomo_programme(nlp, np.array(job["starts"][0]), elementary=True)
     solver = pyo.SolverFactory("gurobi_direct_minlp")
     limit = {"TimeLimit": max(job["until"] - time.time(), 0.1), **job["options"]}

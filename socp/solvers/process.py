@@ -127,7 +127,7 @@ class _Reports:
             self._point(v)
 
     def _point(self, v: np.ndarray) -> None:
-        if v.shape != (self.nlp.v.numel(),) or not np.isfinite(v).all():
+        if v.shape != (self.nlp.count,) or not np.isfinite(v).all():
             self.refused.append("its point is not one of this problem")
             return
         found = evaluated_point(self.nlp, v)

@@ -46,14 +46,14 @@ def pyomo_programme(nlp: NLP, start: np.ndarray | None = None, *, elementary: bo
     model = pyo.ConcreteModel()
     low, high = nlp.v_box
     model.v = pyo.Var(
-        range(nlp.v.numel()),
+        range(nlp.count),
         domain=lambda _m, i: pyo.Binary if nlp.binary[i] else pyo.Reals,
         bounds=lambda _m, i: (_finite(low[i]), _finite(high[i])),
     )
     if start is not None:
         for i, value in enumerate(start):
             model.v[i].set_value(float(value), skip_validation=True)
-    values = [model.v[i] for i in range(nlp.v.numel())]
+    values = [model.v[i] for i in range(nlp.count)]
     cost, *rows = to_pyomo(casadi.vertcat(nlp.f, nlp.g), nlp.v, values, elementary=elementary)
     model.objective = pyo.Objective(expr=cost)
     model.g = pyo.Constraint(range(len(rows)))

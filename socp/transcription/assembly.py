@@ -39,6 +39,17 @@ class Point:
         return casadi.Function("y", [self.w], [casadi.densify(self.y)])
 
     @cached_property
+    def _at_many(self) -> dict[tuple[str, int], casadi.Function]:
+        return {}
+
+    def at(self, kind: str, count: int) -> casadi.Function:
+        """Return its `value`, `slopes` or `curvature` at so many points."""
+        known, key = self._at_many, (kind, count)
+        if key not in known:
+            known[key] = getattr(self, kind).map(count)
+        return known[key]
+
+    @cached_property
     def _slopes(self) -> Expr:
         return casadi.jacobian(self.y, self.w)
 
@@ -82,6 +93,63 @@ def _entries(matrix: Expr) -> Expr:
 
 @final
 @dataclass(frozen=True, eq=False)
+class Entries:
+    """Entries of a matrix: rows, columns and values (k,) each; those of one place add up."""
+
+    rows: np.ndarray
+    columns: np.ndarray
+    values: np.ndarray
+
+    @classmethod
+    def joined(cls, parts: Sequence["Entries"]) -> "Entries":
+        """Return the entries of all parts."""
+        none = cls(np.empty(0, dtype=int), np.empty(0, dtype=int), np.empty(0))
+        fields = ([getattr(each, name) for each in (none, *parts)] for name in vars(none))
+        return cls(*(np.concatenate(each) for each in fields))
+
+    def moved(self, down: int, right: int) -> "Entries":
+        """Return the same entries so many rows and columns further on."""
+        return Entries(self.rows + down, self.columns + right, self.values)
+
+    def matrix(self, shape: tuple[int, int]) -> casadi.DM:
+        """Return the matrix: casadi's own conversion takes twenty times as long."""
+        found = sparse.csc_matrix((self.values, (self.rows, self.columns)), shape)
+        found.sort_indices()
+        pattern = casadi.Sparsity(*shape, found.indptr.tolist(), found.indices.tolist())
+        return casadi.DM(pattern, found.data.tolist())
+
+    def ordered(self, which: np.ndarray, count: int) -> "_Lines":
+        """Return the entries by their rows or columns, whichever is given, of so many."""
+        order = np.argsort(which, kind="stable")
+        begin = np.append(0, np.cumsum(np.bincount(which, minlength=count)))
+        other = self.columns if which is self.rows else self.rows
+        return _Lines(begin, other[order], self.values[order])
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """The lines of a matrix, one after another: where each begins (lines + 1,), and the places in
+    it and values (k,).
+    """
+
+    begin: np.ndarray
+    places: np.ndarray
+    values: np.ndarray
+
+    def expanded(self, which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return all that stands in the lines `which`: the place in `which` that it belongs to, its
+        place in the line, and its value.
+        """
+        begin, size = self.begin[which], np.diff(self.begin)[which]
+        of = np.repeat(np.arange(which.size), size)
+        inside = np.arange(of.size) - np.repeat(np.cumsum(size) - size, size)
+        at = np.repeat(begin, size) + inside
+        return of, self.places[at], self.values[at]
+
+
+@final
+@dataclass(frozen=True, eq=False)
 class Term:
     """A point function at K points: its arguments are E v (nw K,), a point's next to one
     another, and its values (ny K,) enter the rows by `out` (m, ny K) and the objective by `cost`
@@ -90,96 +158,155 @@ class Term:
 
     point: Point
     count: int
-    E: sparse.csr_matrix
-    out: sparse.csc_matrix
+    E: Entries
+    out: Entries
     cost: np.ndarray
 
-    @cached_property
-    def _given(self) -> casadi.DM:
-        return _numbers(self.E.tocsc())
+    @classmethod
+    def joined(cls, parts: Sequence["Term"]) -> "Term":
+        """Return the term of all points at which the parts have one and the same point function."""
+        point = parts[0].point
+        before = np.cumsum([0, *(each.count for each in parts)])
+        nw, ny = point.w.numel(), point.y.numel()
+        E = [each.E.moved(nw * at, 0) for each, at in zip(parts, before, strict=False)]
+        out = [each.out.moved(0, ny * at) for each, at in zip(parts, before, strict=False)]
+        cost = np.concatenate([each.cost for each in parts])
+        return cls(point, int(before[-1]), Entries.joined(E), Entries.joined(out), cost)
 
     @cached_property
-    def entering(self) -> casadi.DM:
-        """How values enter the rows: (m, ny K)."""
-        return _numbers(self.out)
+    def arguments(self) -> _Lines:
+        """The rows of E."""
+        return self.E.ordered(self.E.rows, self._given)
 
-    @cached_property
-    def costing(self) -> casadi.DM:
-        """How values enter the objective: (1, ny K)."""
-        return _numbers(sparse.csc_matrix(self.cost[None, :]))
+    def products(self, out: Entries) -> tuple[np.ndarray, ...]:
+        """Return the entries of out F' E, rows, columns and factors, and which entries of the
+        slopes at the points they come with: a column of `out` and a row of E each.
+        """
+        rows, columns = self.point.pattern
+        values = self.point.y.numel() * self.count
+        y, w = self._everywhere(rows, values), self._everywhere(columns, self._given)
+        first, row, left = out.ordered(out.columns, values).expanded(y)
+        second, column, right = self.arguments.expanded(w[first])
+        return row[second], column, left[second] * right, first[second]
 
-    def arguments(self, v: Any) -> Any:
-        """Return the arguments (nw, K) for variables v, as expressions of their kind."""
-        return casadi.reshape(casadi.densify(casadi.mtimes(self._given, v)), -1, self.count)
+    def sandwiched(self) -> tuple[np.ndarray, ...]:
+        """Return the same of the upper triangle of E' (mu . F'') E."""
+        rows, columns = self.point.curved
+        first, row, left = self.arguments.expanded(self._everywhere(rows, self._given))
+        at = self._everywhere(columns, self._given)[first]
+        second, column, right = self.arguments.expanded(at)
+        row, left, place = row[second], left[second], first[second]
+        upper = row <= column
+        return row[upper], column[upper], (left * right)[upper], place[upper]
+
+    @property
+    def _given(self) -> int:
+        return int(self.point.w.numel()) * self.count
+
+    def _everywhere(self, places: np.ndarray, count: int) -> np.ndarray:
+        """Return places within a point as places within all `count`, a point's next to one
+        another.
+        """
+        each = count // self.count
+        return np.asarray((each * np.arange(self.count)[:, None] + places[None, :]).ravel())
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Programme:
-    """Rows and objective as the sum of terms and of what is linear: A (m, n)."""
+    """Rows and objective as the sum of terms and of what is linear: A (m, n), `shape`."""
 
-    A: sparse.csr_matrix
+    shape: tuple[int, int]
+    A: Entries
     terms: Sequence[Term]
 
     @cached_property
     def _linear(self) -> casadi.DM:
-        return _numbers(self.A.tocsc())
+        return self.A.matrix(self.shape)
+
+    @cached_property
+    def _ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where the arguments and the values of every term begin among those of all, and the last
+        end.
+        """
+        sizes = [(t.count * t.point.w.numel(), t.count * t.point.y.numel()) for t in self.terms]
+        ends = np.cumsum([(0, 0), *sizes], axis=0)
+        return ends[:, 0], ends[:, 1]
+
+    @cached_property
+    def _given(self) -> casadi.DM:
+        """All arguments as a matrix on the variables."""
+        parts = [t.E.moved(at, 0) for t, at in zip(self.terms, self._ends[0], strict=False)]
+        return Entries.joined(parts).matrix((int(self._ends[0][-1]), self.shape[1]))
+
+    @cached_property
+    def _entering(self) -> casadi.DM:
+        """Rows as a matrix on all values, and the objective as one more row."""
+        last = self.shape[0]
+        parts = []
+        for t, at in zip(self.terms, self._ends[1], strict=False):
+            here = np.flatnonzero(t.cost)
+            parts += [
+                t.out.moved(0, at),
+                Entries(np.full(here.size, last), here + at, t.cost[here]),
+            ]
+        return Entries.joined(parts).matrix((last + 1, int(self._ends[1][-1])))
+
+    def _apart(self, values: Any, which: int) -> list[Any]:
+        """Return all arguments (0) or values (1) term by term, a column a point."""
+        ends = self._ends[which].tolist()
+        parts = casadi.vertsplit(casadi.densify(values), ends)
+        return [
+            casadi.reshape(each, -1, term.count)
+            for each, term in zip(parts, self.terms, strict=True)
+        ]
+
+    def _whole(self, v: Any, values: Sequence[Any]) -> tuple[Any, Any]:
+        """Return objective (1, 1) and rows (m, 1) from the variables and the values of all terms."""
+        m = self.shape[0]
+        found = casadi.mtimes(self._entering, casadi.vertcat(*map(casadi.vec, values)))
+        g = casadi.mtimes(self._linear, v) + found[:m]
+        return casadi.densify(found[m]), casadi.densify(g)
 
     def values(self, v: Any) -> tuple[Any, Any]:
         """Return objective (1, 1) and rows (m, 1) for variables v, as expressions of their kind."""
-        kind = type(v)
-        f, g = kind(0), casadi.mtimes(self._linear, v)
-        for term in self.terms:
-            y = casadi.vec(term.point.value.map(term.count)(term.arguments(v)))
-            f, g = self._added(f, g, term, y)
-        return f, g
-
-    def _added(self, f: Any, g: Any, term: Term, y: Any) -> tuple[Any, Any]:
-        if term.cost.any():
-            f = f + casadi.mtimes(term.costing, y)
-        if term.out.nnz:
-            g = g + casadi.mtimes(term.entering, y)
-        return f, g
+        given = self._apart(casadi.mtimes(self._given, v), 0)
+        values = [t.point.at("value", t.count)(w) for t, w in zip(self.terms, given, strict=True)]
+        return self._whole(v, values)
 
     @cached_property
     def derivatives(self) -> Derivatives:
         """Derivatives with respect to the variables, for a solver that takes them."""
-        m, n = self.A.shape
+        m, n = self.shape
         v, p = casadi.MX.sym("v", n), casadi.MX.sym("p", 0)
         lam_f, lam_g = casadi.MX.sym("lam_f"), casadi.MX.sym("lam_g", m)
-        f, g = casadi.MX(0), casadi.mtimes(self._linear, v)
-        gradient, slopes = _Entries.of((1, n)), _Entries.of((m, n))
-        slopes.fixed(self.A)
-        curvature = _Entries.of((n, n))
-        for term in self.terms:
-            w = term.arguments(v)
-            y, J = term.point.slopes.map(term.count)(w)
-            f, g = self._added(f, g, term, casadi.vec(y))
-            gradient.add(casadi.vec(J), *_products(term, sparse.csc_matrix(term.cost)))
-            slopes.add(casadi.vec(J), *_products(term, term.out))
-            mu = casadi.mtimes(term.entering.T, lam_g) + casadi.mtimes(term.costing.T, lam_f)
+        given = self._apart(casadi.mtimes(self._given, v), 0)
+        sloped = [t.point.at("slopes", t.count)(w) for t, w in zip(self.terms, given, strict=True)]
+        f, g = self._whole(v, [y for y, _ in sloped])
+        held = self._apart(casadi.mtimes(self._entering.T, casadi.vertcat(lam_g, lam_f)), 1)
+        gradient, slopes = _Sum.of((n, 1)), _Sum.of((m, n))
+        curvature = _Sum.of((n, n))
+        slopes.parts.append((*vars(self.A).values(), np.zeros(self.A.rows.size, dtype=int)))
+        for term, w, (_, J), mu in zip(self.terms, given, sloped, held, strict=True):
+            cost = np.flatnonzero(term.cost)
+            in_cost = Entries(np.zeros(cost.size, dtype=int), cost, term.cost[cost])
+            _, at, *rest = term.products(in_cost)
+            gradient.add(J, at, np.zeros(at.size, dtype=int), *rest)
+            slopes.add(J, *term.products(term.out))
             if term.point.curved[0].size:
-                mu = casadi.reshape(casadi.densify(mu), -1, term.count)
-                H = term.point.curvature.map(term.count)(w, mu)
-                curvature.add(casadi.vec(H), *_sandwiched(term))
-        f, g = casadi.densify(f), casadi.densify(g)
+                H = term.point.at("curvature", term.count)(w, mu)
+                curvature.add(H, *term.sandwiched())
+        at, names = [v, p], ["x", "p"]
+        steep, slope = casadi.densify(gradient.matrix()), slopes.matrix()
         return Derivatives(
-            nlp=casadi.Function("nlp", [v, p], list(self.values(v)), ["x", "p"], ["f", "g"]),
-            grad_f=casadi.Function(
-                "nlp_grad_f",
-                [v, p],
-                [f, casadi.densify(gradient.matrix()).T],
-                ["x", "p"],
-                ["f", "grad_f_x"],
-            ),
-            jac_g=casadi.Function(
-                "nlp_jac_g", [v, p], [g, slopes.matrix()], ["x", "p"], ["g", "jac_g_x"]
-            ),
+            nlp=casadi.Function("nlp", at, list(self.values(v)), names, ["f", "g"]),
+            grad_f=casadi.Function("nlp_grad_f", at, [f, steep], names, ["f", "grad_f_x"]),
+            jac_g=casadi.Function("nlp_jac_g", at, [g, slope], names, ["g", "jac_g_x"]),
             hess_lag=casadi.Function(
                 "nlp_hess_l",
-                [v, p, lam_f, lam_g],
+                [*at, lam_f, lam_g],
                 [curvature.matrix()],
-                ["x", "p", "lam_f", "lam_g"],
+                [*names, "lam_f", "lam_g"],
                 ["triu_hess_gamma_x_x"],
             ),
         )
@@ -187,24 +314,19 @@ class Programme:
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Entries:
+class _Sum:
     """What enters a sparse matrix of a shape, part after part: the rows, columns and factors of its
-    entries, and the place of each entry's source among all sources.
+    entries, and the place of each entry's source among all sources, of which the first is 1.
     """
 
     shape: tuple[int, int]
     sources: list[casadi.MX]
-    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
+    parts: list[tuple[np.ndarray, ...]]
 
     @classmethod
-    def of(cls, shape: tuple[int, int]) -> "_Entries":
-        """Return an empty one; its first source is 1."""
+    def of(cls, shape: tuple[int, int]) -> "_Sum":
+        """Return an empty one."""
         return cls(shape, [casadi.MX(1)], [])
-
-    def fixed(self, matrix: sparse.csr_matrix) -> None:
-        """Add a matrix of numbers."""
-        each = matrix.tocoo()
-        self.parts.append((each.row, each.col, each.data, np.zeros(each.nnz, dtype=int)))
 
     def add(
         self,
@@ -217,7 +339,7 @@ class _Entries:
         """Add factors times places of a source at rows and columns."""
         if rows.size:
             before = sum(each.numel() for each in self.sources)
-            self.sources.append(source)
+            self.sources.append(casadi.vec(source))
             self.parts.append((rows, columns, factors, places + before))
 
     def matrix(self) -> casadi.MX:
@@ -230,55 +352,7 @@ class _Entries:
         # column after column, as casadi keeps them
         where, entry = np.unique(columns * self.shape[0] + rows, return_inverse=True)
         given = casadi.vertcat(*self.sources)
-        weights = sparse.csc_matrix((factors, (entry, places)), (where.size, given.numel()))
+        weights = Entries(entry, places, factors).matrix((where.size, given.numel()))
         ends = np.searchsorted(where, self.shape[0] * np.arange(self.shape[1] + 1))
         pattern = casadi.Sparsity(*self.shape, ends.tolist(), (where % self.shape[0]).tolist())
-        return casadi.MX(pattern, casadi.densify(casadi.mtimes(_numbers(weights), given)))
-
-
-def _numbers(matrix: sparse.csc_matrix) -> casadi.DM:
-    """Return a sparse matrix as casadi keeps it: its own conversion takes twenty times as long."""
-    matrix.sort_indices()
-    pattern = casadi.Sparsity(*matrix.shape, matrix.indptr.tolist(), matrix.indices.tolist())
-    return casadi.DM(pattern, matrix.data.tolist())
-
-
-def _products(
-    term: Term, out: sparse.csc_matrix
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the entries of out F' E: every entry of F' comes with a column of `out` and a row of
-    E.
-    """
-    rows, columns = term.point.pattern
-    y, w = _everywhere(term, rows, term.out.shape[1]), _everywhere(term, columns, term.E.shape[0])
-    first, row, left = _expanded(out, y)
-    second, column, right = _expanded(term.E, w[first])
-    return row[second], column, left[second] * right, first[second]
-
-
-def _sandwiched(term: Term) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the entries of the upper triangle of E' (mu . F'') E."""
-    rows, columns = term.point.curved
-    count = term.E.shape[0]
-    first, row, left = _expanded(term.E, _everywhere(term, rows, count))
-    second, column, right = _expanded(term.E, _everywhere(term, columns, count)[first])
-    row, left, place = row[second], left[second], first[second]
-    upper = row <= column
-    return row[upper], column[upper], (left * right)[upper], place[upper]
-
-
-def _everywhere(term: Term, places: np.ndarray, count: int) -> np.ndarray:
-    """Return places within a point as places within all `count`, a point's next to one another."""
-    each = count // term.count
-    return np.asarray((each * np.arange(term.count)[:, None] + places[None, :]).ravel())
-
-
-def _expanded(matrix: Any, which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return, for the rows of a CSR or the columns of a CSC matrix, all that stands in them: the
-    place in `which` that it belongs to, its other index, and its value.
-    """
-    begin, size = matrix.indptr[which], np.diff(matrix.indptr)[which]
-    place = np.repeat(np.arange(which.size), size)
-    inside = np.arange(place.size) - np.repeat(np.cumsum(size) - size, size)
-    at = np.repeat(begin, size) + inside
-    return place, np.asarray(matrix.indices[at], dtype=np.int64), matrix.data[at]
+        return casadi.MX(pattern, casadi.densify(casadi.mtimes(weights, given)))

@@ -4,7 +4,7 @@ solutions.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from itertools import accumulate
 from typing import final
 
@@ -55,7 +55,7 @@ def collocate(
             f"{len(meshes)} meshes for {len(phased.phases)} phases; give one mesh a phase"
         )
     grid = Grid.of(phased, [table(mesh) for mesh in meshes], Scale.of(phased.of, near))
-    rows, terms = _Rows([], [], [], []), Terms(grid, [])
+    rows, terms = _Rows([], [], [], []), Terms(grid, {})
     defects = [_defects(grid, rows, k) for k in range(len(phased.phases))]
     for k, at in enumerate(defects):
         _dynamics(grid, rows, terms, k, at)
@@ -64,12 +64,13 @@ def collocate(
     _conditions(grid, rows, terms)
     layout = _layout(grid, rows, defects, path)
     programme, binaries = terms.programme(rows.count, rows.linear), grid.z.numel()
-    v = casadi.vertcat(casadi.SX.sym("v", grid.count - binaries), grid.z)
-    f, g = programme.values(v)
+
+    def written() -> tuple[Expr, Expr, Expr]:
+        v = casadi.vertcat(casadi.SX.sym("v", grid.count - binaries), grid.z)
+        return v, *programme.values(v)
+
     nlp = NLP(
-        v=v,
-        f=f,
-        g=casadi.densify(g),
+        formula=cache(written),
         v_box=_box(layout) / layout.sizes,
         g_box=np.hstack(
             [

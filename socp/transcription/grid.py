@@ -7,10 +7,9 @@ from typing import final
 
 import casadi
 import numpy as np
-from scipy import sparse
 
 from socp.model import Expr
-from socp.transcription.assembly import Point, Programme, Term
+from socp.transcription.assembly import Entries, Point, Programme, Term
 from socp.transcription.knots import knot_times
 from socp.transcription.mesh import Table
 from socp.transcription.phases import PhasedProblem
@@ -120,10 +119,10 @@ Given = np.ndarray | Moments  # places of variables (rows, K), the same everywhe
 @final
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """Collects the terms of a programme on a grid."""
+    """Collects the terms of a programme on a grid, those of one point function together."""
 
     grid: Grid
-    found: list[tuple[Point, int, sparse.csr_matrix, tuple[np.ndarray, ...], np.ndarray]]
+    found: dict[Point, list[Term]]
 
     def add(
         self,
@@ -140,9 +139,10 @@ class Terms:
         count = max(sizes) if all(sizes) else 0
         weights = np.zeros(point.y.numel() * count) if cost is None else cost
         if count and point.y.numel():
-            self.found.append((point, count, self._linear(given, count), out, weights))
+            term = Term(point, count, self._linear(given, count), Entries(*out), weights)
+            self.found.setdefault(point, []).append(term)
 
-    def _linear(self, given: Sequence[Given], count: int) -> sparse.csr_matrix:
+    def _linear(self, given: Sequence[Given], count: int) -> Entries:
         """Return E (nw K, n): a point's arguments next to one another."""
         width = sum(1 if isinstance(each, Moments) else each.shape[0] for each in given)
         rows, columns, data, at = [], [], [], 0
@@ -167,8 +167,7 @@ class Terms:
                 data.append(np.ones(places.size))
                 at += each.shape[0]
         row, column, factor = (np.concatenate(each) for each in (rows, columns, data))
-        shape = (width * count, self.grid.count)
-        return sparse.csr_matrix((factor * self.grid.sizes[column], (row, column)), shape)
+        return Entries(row, column, factor * self.grid.sizes[column])
 
     def programme(
         self, rows: int, linear: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -176,26 +175,7 @@ class Terms:
         """Return the programme of so many rows; `linear` are the entries, in the problem's units,
         of what enters them linearly.
         """
-        at, column, data = (
-            np.concatenate([np.empty(0, dtype=kind), *each])
-            for kind, each in zip(
-                (int, int, float),
-                zip(*linear, strict=True) if linear else ((), (), ()),
-                strict=True,
-            )
-        )
-        shape = (rows, self.grid.count)
-        A = sparse.csr_matrix((data * self.grid.sizes[column], (at, column)), shape)
-        return Programme(
-            A,
-            [
-                Term(
-                    point,
-                    count,
-                    E,
-                    sparse.csc_matrix((out[2], out[:2]), (rows, point.y.numel() * count)),
-                    cost,
-                )
-                for point, count, E, out, cost in self.found
-            ],
-        )
+        A = Entries.joined([Entries(*each) for each in linear])
+        A = Entries(A.rows, A.columns, A.values * self.grid.sizes[A.columns])
+        terms = [Term.joined(parts) for parts in self.found.values()]
+        return Programme((rows, self.grid.count), A, terms)

@@ -464,7 +464,7 @@ def parabola() -> tuple[NLP, NLPPoint]:
     """Return (v - 1)^2 over the reals, and a start."""
     v = casadi.SX.sym("v", 2)
     free, none = np.array([[-np.inf] * 2, [np.inf] * 2]), np.zeros((2, 0))
-    nlp = NLP(
+    nlp = NLP.of(
         v=v,
         f=casadi.sumsqr(v - 1),
         g=casadi.SX(0, 1),

@@ -32,7 +32,7 @@ from socp.solvers.process import Job, Outcome, evaluated_point, solved_apart
 x, z = casadi.SX.sym("x"), casadi.SX.sym("z")
 # minimise x + z with x >= 1 - z: the best point is x = 1, z = 0, and x = 0, z = 1 is as good; z =
 # 0.5 would cheat
-TOY = NLP(
+TOY = NLP.of(
     v=casadi.vertcat(x, z),
     f=x + 2 * z,
     g=x + z,

@@ -255,7 +255,7 @@ def test_a_violated_state_constraint_is_followed_where_it_is_worst() -> None:
 
 def test_a_ration_ends_with_the_work_and_says_so() -> None:
     v = casadi.SX.sym("v", 4)
-    nlp = NLP(
+    nlp = NLP.of(
         v=v,
         f=casadi.sumsqr(v - 1) ** 2 + casadi.exp(v[0]),
         g=casadi.SX(0, 1),

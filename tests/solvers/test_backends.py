@@ -35,7 +35,7 @@ def programme(
     f: Any, g: Any = None, box: tuple[Any, Any] = (-10.0, 10.0), rows: tuple[float, float] = (0, 0)
 ) -> NLP:
     g = casadi.SX(0, 1) if g is None else g
-    return NLP(
+    return NLP.of(
         v=casadi.vertcat(a, b),
         f=casadi.SX(f),
         g=g,

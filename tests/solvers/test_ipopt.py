@@ -39,7 +39,7 @@ def programme(
     rows = casadi.SX(0, 1) if g is None else casadi.vertcat(g)
     g_box = np.array([np.full(rows.numel(), low), np.full(rows.numel(), high)])
     v_box = np.array([[-box, -box], [box, box]])
-    return NLP(
+    return NLP.of(
         v=v, f=casadi.SX(f), g=rows, v_box=v_box, g_box=g_box, binary=np.zeros(2, dtype=bool)
     )
 

@@ -136,7 +136,7 @@ class Ipopt:
 
 def _solver(nlp: NLP, observer: Observer, options: Mapping[str, Any]) -> casadi.Function:
     settings = {"print_time": False, "show_eval_warnings": False, "iteration_callback": observer}
-    settings |= _DENSE_APART if nlp.v.numel() >= _LARGE else {}
+    settings |= _DENSE_APART if nlp.count >= _LARGE else {}
     settings |= {f"ipopt.{name}": value for name, value in options.items()}
     if math.isfinite(rest := seconds_left()):  # of the caller's time; Ipopt takes no 0
         wall = min(rest, float(options.get("max_wall_time", math.inf)))
@@ -144,6 +144,8 @@ def _solver(nlp: NLP, observer: Observer, options: Mapping[str, Any]) -> casadi.
     try:
         if nlp.derivatives is None:
             return casadi.nlpsol("ipopt", "ipopt", {"x": nlp.v, "f": nlp.f, "g": nlp.g}, settings)
+        # casadi would differentiate it once more, for multipliers of its own that nobody reads
+        settings |= {"no_nlp_grad": True, "calc_lam_p": False}
         known = dict(vars(nlp.derivatives()))
         return casadi.nlpsol("ipopt", "ipopt", known.pop("nlp"), settings | known)
     except RuntimeError as error:

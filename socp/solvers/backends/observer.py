@@ -25,11 +25,11 @@ class Observer(casadi.Callback):  # type: ignore[misc]
     ) -> None:
         super().__init__()
         self.sizes = {
-            "x": nlp.v.numel(),
+            "x": nlp.count,
             "f": 1,
-            "g": nlp.g.numel(),
-            "lam_x": nlp.v.numel(),
-            "lam_g": nlp.g.numel(),
+            "g": nlp.rows,
+            "lam_x": nlp.count,
+            "lam_g": nlp.rows,
         }
         self.stage, (self.low, self.high) = stage, nlp.g_box
         self.watch, self.stop, self.count = watch, False, 0

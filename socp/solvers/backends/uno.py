@@ -203,9 +203,7 @@ def _reduced(nlp: NLP, factor: float) -> Reduced[NLP, NLPPoint, NLPPoint]:
     f, g = casadi.substitute([nlp.f, nlp.g], [nlp.v], [_all(nlp, w)])
     small = replace(
         nlp,
-        v=w,
-        f=factor * f,
-        g=g,
+        formula=lambda: (w, factor * f, g),
         v_box=nlp.v_box[:, free],
         binary=nlp.binary[free],
         derivatives=None,
