@@ -262,7 +262,7 @@ class Programme:
         ]
 
     def _whole(self, v: Any, values: Sequence[Any]) -> tuple[Any, Any]:
-        """Return objective (1, 1) and rows (m, 1) from the variables and the values of all terms."""
+        """Return objective (1, 1) and rows (m, 1) from variables and the values of all terms."""
         m = self.shape[0]
         found = casadi.mtimes(self._entering, casadi.vertcat(*map(casadi.vec, values)))
         g = casadi.mtimes(self._linear, v) + found[:m]
@@ -290,8 +290,8 @@ class Programme:
         for term, w, (_, J), mu in zip(self.terms, given, sloped, held, strict=True):
             cost = np.flatnonzero(term.cost)
             in_cost = Entries(np.zeros(cost.size, dtype=int), cost, term.cost[cost])
-            _, at, *rest = term.products(in_cost)
-            gradient.add(J, at, np.zeros(at.size, dtype=int), *rest)
+            zero, columns, *rest = term.products(in_cost)
+            gradient.add(J, columns, zero, *rest)
             slopes.add(J, *term.products(term.out))
             if term.point.curved[0].size:
                 H = term.point.at("curvature", term.count)(w, mu)
