@@ -4,6 +4,7 @@ ends, its state constraints and its box, relative to sizes.
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import casadi
 import numpy as np
@@ -16,6 +17,7 @@ from socp.model import (
     Feasibility,
     Problem,
     Solution,
+    cached,
     column,
     condition_function,
     condition_slopes,
@@ -32,6 +34,9 @@ from socp.model import (
     time,
 )
 from socp.verdict.motion import Log, Piece, piece_of_law, pieces_in_time, travel
+
+# Solutions of a problem whose motions are kept: a search goes to and fro between two at most
+_KEPT = 4
 
 
 def box_miss(u: np.ndarray, box: np.ndarray) -> float:
@@ -144,11 +149,12 @@ def verify(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
     """Integrate the control as a function of time and, where every arc has a law of the state, as
     feedback too.
 
-    A solution keeps what was found for it: it is asked for more than once on the way to a certified
-    word. Where the time allowed ends first, nothing is known, and it may be asked again.
+    A problem keeps what was found for the last solutions, by their values: the same motion is asked
+    for more than once on the way to a certified word. Where the time allowed ends first, nothing is
+    known, and it may be asked again.
     """
     try:
-        return _both(solution, problem)[0]
+        return _both(problem, solution)[0]
     except LateError as error:
         return (_unknown(str(error)),)
 
@@ -168,11 +174,27 @@ def _unknown(error: str) -> Feasibility:
     )
 
 
-@once
-def _both(solution: Solution, problem: Problem) -> tuple[tuple[Feasibility, ...], np.ndarray]:
+_Found = tuple[tuple[Feasibility, ...], np.ndarray]
+
+
+def _both(problem: Problem, solution: Solution) -> _Found:
     """Return what is found, and the states (nx, n) of the control in time at the nodes, as far as
     it leads.
     """
+    arcs = (
+        (arc.modes, arc.side, *(each.tobytes() for each in (arc.t, arc.x, arc.u, arc.mesh)))
+        for arc in solution.arcs
+    )
+    key = (solution.objective, *solution.parameters.items(), *arcs)
+    known: dict[tuple[Any, ...], _Found] = cached(problem, _both)
+    found = known.pop(key, None) or _integrated(problem, solution)
+    while len(known) >= _KEPT:
+        del known[next(iter(known))]
+    known[key] = found
+    return found
+
+
+def _integrated(problem: Problem, solution: Solution) -> _Found:
     log = Log()
     as_time = [pieces_in_time(arc) for arc in solution.arcs]
     found = [_verify(problem, solution, as_time, log, feedback=False)]
@@ -192,7 +214,7 @@ def moved(problem: Problem, solution: Solution) -> Solution:
     re-integration in place of those that were claimed; as it is where that breaks down. Raises
     LateError where the time allowed is over first.
     """
-    (seen, *_), x = _both(solution, problem)
+    (seen, *_), x = _both(problem, solution)
     ends = np.cumsum([arc.t.size for arc in solution.arcs])
     if seen.error or x.shape[1] != ends[-1] or not np.isfinite(seen.objective):
         return solution
