@@ -48,15 +48,30 @@ class Motion:
         given = casadi.vertcat(self.problem.x, time, self.problem.p)
         return kinks(casadi.vertcat(*self.phase.flow(self.problem)), given)
 
-    @once
-    def flow(self, steps: int) -> casadi.Function:
-        """Return the motion as a function (z, t, h, p) -> (z, running cost) after a time h."""
-        sizes = self.step.size1_in(0) - 2, 1, 1, self.step.size1_in(2)
-        Z, T, H, P = (casadi.MX.sym(name, size) for name, size in zip("zthp", sizes, strict=True))
-        last = self.step.mapaccum(steps)(
-            casadi.vertcat(Z, 0, T), casadi.repmat(H / steps, 1, steps), casadi.repmat(P, 1, steps)
-        )
-        return casadi.Function("flow", [Z, T, H, P], [last[:-2, -1], last[-2, -1]])
+    def moved(
+        self, z: np.ndarray, t: np.ndarray, h: np.ndarray, p: np.ndarray, steps: int
+    ) -> list[np.ndarray]:
+        """Return y (ny, n), that is z, the running cost and the time, before and after every one of
+        so many steps, from z (nz, n) at times t (n,) over times h (n,) under p (np,).
+        """
+        found = [np.vstack([z, np.zeros(t.size), t])]
+        for _ in range(steps):
+            found += numbers(self.step, found[-1], h[None, :] / steps, p)
+        return found
+
+    @cached_property
+    def control(self) -> casadi.Function:
+        """The controls as a function of x, what is carried, t, p."""
+        given = [self.problem.x, self.phase.carried, time, self.problem.p]
+        return casadi.Function("u", given, [self.phase.control])
+
+    @cached_property
+    def adjoint(self) -> casadi.Function:
+        """(y, h, p, multipliers (ny,) of y after a step) -> those of y before it."""
+        y, h, p = self.step.sx_in()
+        held = casadi.SX.sym("l", y.numel())
+        before = casadi.gradient(casadi.dot(held, self.step(y, h, p)), y)
+        return casadi.Function("adjoint", [y, h, p, held], [casadi.densify(before)])
 
     @cached_property
     def _varied(self) -> casadi.Function:

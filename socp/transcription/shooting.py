@@ -126,11 +126,6 @@ class Shooting:
         return [motion_of(self.phased.of, phase) for phase in self.phased.phases]
 
     @cached_property
-    def flows(self) -> list[casadi.Function]:
-        """Of every phase: (z, t, h, p) -> z and the running cost after a time h."""
-        return [each.flow(self.steps) for each in self.motions]
-
-    @cached_property
     def blocks(self) -> list[Block]:
         """Where the intervals of every phase stand among variables and equations."""
         nx, row, at = self.phased.of.x.numel(), 0, 1 + len(self.pairs) + self.phased.of.p.numel()
@@ -294,10 +289,9 @@ class Shooting:
             np.searchsorted(arc.mesh, np.arange(t.size), side="right") - 1, 0, arc.mesh.size - 2
         )
         begin = t[arc.mesh[interval]]
-        found = numbers(self.flows[k], z[:, interval], begin, t - begin, p)[0]
+        found = self.motions[k].moved(z[:, interval], begin, t - begin, p, self.steps)[-1][:-2]
         found[:, arc.mesh] = z
-        symbols = [problem.x, phase.carried, time, problem.p]
-        (u,) = numbers(casadi.Function("u", symbols, [phase.control]), found[:nx], found[nx:], t, p)
+        (u,) = numbers(self.motions[k].control, found[:nx], found[nx:], t, p)
         costate = found[nx:] if phase.carried.numel() else arc.costate
         return replace(arc, t=t, x=found[:nx], u=u, costate=costate)
 
@@ -308,11 +302,8 @@ def interval_ends(phased: PhasedProblem, start: Solution, steps: int) -> list[np
     """
     p, found = parameters_of(phased.of, start), []
     for phase, arc in zip(phased.phases, start.arcs, strict=True):
-        t, count = arc.t[arc.mesh], arc.mesh.size - 1
-        y = np.vstack([arc.x, arc.costate[: phase.carried.numel()]])[:, arc.mesh[:-1]]
-        y = np.vstack([y, np.zeros(count), t[:-1]])
-        step = motion_of(phased.of, phase).step
-        for _ in range(steps):
-            (y,) = numbers(step, y, np.diff(t) / steps, p)
-        found.append(y[:-1])
+        t = arc.t[arc.mesh]
+        z = np.vstack([arc.x, arc.costate[: phase.carried.numel()]])[:, arc.mesh[:-1]]
+        motion = motion_of(phased.of, phase)
+        found.append(motion.moved(z, t[:-1], np.diff(t), p, steps)[-1][:-1])
     return found

@@ -23,6 +23,8 @@ _CONTRADICTS = 64.0
 _ULPS = 4.0  # rounding of every entry of a condition, in units of its last place
 _NEWTON = 8  # steps: from a collocated solution two or three do
 _FAR = 16  # the same from the solution of another problem: five to ten do
+# Of the variables' magnitudes: after a step below it the same matrix gains six digits with the next
+_CHORD = 1e-6
 # Of the variables' magnitudes: a step below it is rounding, which may keep it at some times as much
 _DONE = 1e-13
 _ROUNDING = 100.0
@@ -205,8 +207,10 @@ def settled(
     start = conditions.shooting.start if start is None else start
     signs, size = conditions.shooting.signs, conditions.size
     at, held = start, conditions.multipliers(start)
+    system, moved = None, np.full_like(size, np.inf)
     for _ in range(_FAR if far else _NEWTON):
-        system = conditions.system(at, held)
+        if system is None or np.abs(moved / size).max() > _CHORD:
+            system = conditions.system(at, held)
         moved, change = system.step(*conditions.values(at, held)[:2])
         at, held = at + moved, held + change
         if not np.abs((at - start) / size).max() <= (np.finfo(float).max if far else AWAY):
@@ -214,7 +218,8 @@ def settled(
         if np.abs(moved / size).max() <= _DONE:
             break
     if (
-        np.abs(moved / size).max() > _ROUNDING * _DONE
+        system is None
+        or np.abs(moved / size).max() > _ROUNDING * _DONE
         or (signs * held < -_DONE * np.abs(held).max()).any()
     ):
         return None

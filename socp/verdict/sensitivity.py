@@ -242,13 +242,15 @@ def _state(system: _System, moved: np.ndarray, change: _Change, t: float) -> tup
     p = slice(first, first + system.problem.p.numel())
     parts = casadi.Function("z", [shooting.w], [shooting.parts[3][k][:, j]])
     (z,), (dz,) = numbers(parts, at), numbers(parts, moved)
-    given = [z, begins[j], t - begins[j], at[p]]
-    flow = shooting.flows[k]
-    Z, T, H, P = flow.mx_in()
-    end = flow(Z, T, H, P)[0]
-    slopes = casadi.Function("d", [Z, T, H, P], [casadi.jacobian(end, e) for e in (Z, T, H, P)])
-    by_z, by_t, by_h, by_p = numbers(slopes, *given)
+    begin, length = begins[j : j + 1], t - begins[j : j + 1]
+    given = [z, begin[None, :], length[None, :], at[p][:, None]]
+    by_z, by_t, by_h, by_p = np.split(
+        shooting.motions[k].sweep(given, shooting.steps).slopes[0],
+        [len(z), len(z) + 1, len(z) + 2],
+        axis=1,
+    )
     found = by_z @ dz[:, 0] + (by_t - by_h)[:, 0] * start + by_p @ moved[p]
     for weight, other in change.changed:
-        found = found + weight * numbers(other.flows[k], *given)[0].ravel()
+        ended = other.motions[k].moved(z, begin, length, at[p], other.steps)[-1]
+        found = found + weight * ended[:-1, 0]
     return tuple(found[:nx].tolist())

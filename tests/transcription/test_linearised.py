@@ -55,4 +55,4 @@ def test_arcs_of_one_law_share_their_functions() -> None:
     first, middle, last = known.motions
     assert first is last
     assert first is not middle
-    assert motion_of(known.phased.of, known.phased.phases[2]).flow(3) is known.flows[0]
+    assert motion_of(known.phased.of, known.phased.phases[2]) is first

@@ -97,15 +97,15 @@ def values(found: Induced, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     equations[shooting.others] = joined
     first = 1 + len(shooting.pairs)
     p = w[first : first + shooting.phased.of.p.numel()]
-    for k, (block, flow) in enumerate(zip(shooting.blocks, shooting.flows, strict=True)):
+    for k, (block, motion) in enumerate(zip(shooting.blocks, shooting.motions, strict=True)):
         z = w[block.variables]  # (intervals + 1, nz, k)
         shares = block.shares[:, None]
         t, h = w[: 1 + k].sum(axis=0) + w[1 + k] * shares[:-1], w[1 + k] * np.diff(shares, axis=0)
-        given = [z[:-1].swapaxes(0, 1).reshape(z.shape[1], -1), t.reshape(1, -1), h.reshape(1, -1)]
-        ended, running = flow.map(h.size)(*given, np.tile(p, len(h)))
-        ends = ended.full().reshape(z.shape[1], len(h), count).swapaxes(0, 1)
+        given = [z[:-1].swapaxes(0, 1).reshape(z.shape[1], -1), t.ravel(), h.ravel()]
+        ended = motion.moved(*given, np.tile(p, len(h)), shooting.steps)[-1]
+        ends = ended[:-2].reshape(z.shape[1], len(h), count).swapaxes(0, 1)
         equations[block.equations] = ends - z[1:]
-        objective = objective + running.full().reshape(len(h), count).sum(axis=0)
+        objective = objective + ended[-2].reshape(len(h), count).sum(axis=0)
     return equations, objective + found.held @ equations
 
 

@@ -23,7 +23,7 @@ import casadi
 import numpy as np
 
 from socp.model import Expr, Problem, numbers, once, parameters_of, time
-from socp.transcription import Motion, Phase, Shooting
+from socp.transcription import Phase, Shooting
 from socp.verdict.minimum.induced import Induced
 
 
@@ -50,43 +50,27 @@ def reference(known: Induced, k: int, nodes: np.ndarray) -> Reference:
     (begins, z), p = _corners(known, k), parameters_of(problem, shooting.solution)
     t = begins[:-1] + nodes[:, None] * np.diff(begins)
     gaps = np.diff(np.vstack([begins[:-1], t, begins[1:]]), axis=0)
-    before = np.vstack([begins[:-1], t[:-1]])
+    before = np.vstack([begins[:-1], t])
     steps = int(np.ceil(np.diff([0.0, *nodes, 1.0]).max() * shooting.steps))
-    motion, adjoint, control = _functions(shooting.motions[k], steps, nodes.size)
-    held, count = np.repeat(p[:, None], t.size, axis=1), t.shape[1]
-    at = numbers(motion, z[:, :-1], _in_time(before), _in_time(gaps[:-1]), held)[0]
-    back = at.reshape(len(z), count, -1)[:, :, ::-1].reshape(len(z), -1)
-    given = [_in_time(t[::-1]), _in_time(gaps[:0:-1]), held]
-    (costates,) = numbers(adjoint, _multipliers(known, k), back, *given)
-    costates = costates.reshape(len(z), count, -1)[:, :, ::-1].reshape(len(z), -1)
-    (u,) = numbers(control, at[:nx], at[nx:], _in_time(t), p)
-    return Reference(_in_time(t)[0], at[:nx], u, costates[:nx])
+    motion, now, ways = shooting.motions[k], z[:, :-1], []
+    for begin, gap in zip(before, gaps, strict=True):
+        ways.append(motion.moved(now, begin, gap, p, steps))
+        now = ways[-1][-1][:-2]
+    at = _joined([way[-1][:-2] for way in ways[:-1]])
+    count, costates = z.shape[1] - 1, []
+    held = np.vstack([_multipliers(known, k), np.ones(count), np.zeros(count)])
+    for way, gap in zip(ways[:0:-1], gaps[:0:-1], strict=True):
+        for y in reversed(way[:-1]):
+            (held,) = numbers(motion.adjoint, y, gap[None, :] / steps, p, held)
+        costates.append(held[:nx])
+    times = t.T.ravel()
+    (u,) = numbers(motion.control, at[:nx], at[nx:], times, p)
+    return Reference(times, at[:nx], u, _joined(costates[::-1]))
 
 
-def _in_time(values: np.ndarray) -> np.ndarray:
-    """Return values (s, m) at nodes of intervals as a row (1, m s), an interval after the other."""
-    return values.T.reshape(1, -1)
-
-
-@once
-def _functions(
-    motion: Motion, steps: int, count: int
-) -> tuple[casadi.Function, casadi.Function, casadi.Function]:
-    """Return a motion over so many times in a row, (z, t, h, p) -> z after each, the costates
-    before them from that after the last, (costate, z, t, h, p), backwards, and the control.
-    """
-    problem, phase = motion.problem, motion.phase
-    flow = motion.flow(steps)
-    Z, T, H, P = flow.mx_in()
-    after = casadi.MX.sym("after", Z.numel())
-    end, running = flow(Z, T, H, P)
-    before = casadi.gradient(running + casadi.dot(after, end), Z)
-    given = [problem.x, phase.carried, time, problem.p]
-    return (
-        flow.mapaccum(count),
-        casadi.Function("costate", [after, Z, T, H, P], [before]).mapaccum(count),
-        casadi.Function("u", given, [phase.control]),
-    )
+def _joined(values: list[np.ndarray]) -> np.ndarray:
+    """Return values (rows, m) at the nodes of m intervals, an interval after the other."""
+    return np.stack(values, axis=2).reshape(len(values[0]), -1)
 
 
 @once
