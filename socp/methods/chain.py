@@ -8,7 +8,9 @@ from contextlib import suppress
 from importlib import metadata
 from typing import Any
 
+import casadi
 import numpy as np
+import scipy
 
 from socp.errors import ContractError
 from socp.laws import check_laws, independent
@@ -124,9 +126,9 @@ def option_values(method: Method) -> dict[str, Any]:
 def versions() -> dict[str, str]:
     """Return the versions of Python, socp and what computes for it."""
     found = {"python": platform.python_version()}
-    for name in ("socp", "casadi", "numpy", "scipy"):
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = "unknown"
-    return found
+    try:
+        found["socp"] = metadata.version("socp")
+    except metadata.PackageNotFoundError:
+        found["socp"] = "unknown"
+    # what packages say themselves: to read their metadata takes as long as to judge a solution
+    return found | {each.__name__: each.__version__ for each in (casadi, np, scipy)}

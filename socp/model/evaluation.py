@@ -36,10 +36,11 @@ def once(
     What it returns stands beside the owner's cached properties: it goes when the owner goes, and
     neither a copy nor a pickle of a problem takes it along. An error is not kept.
     """
+    place = _place(function)
 
     @wraps(function)
     def kept(owner: Owner, /, *args: Given.args, **kwargs: Given.kwargs) -> Found:
-        known = cached(owner, function)
+        known: dict[tuple[Any, ...], Found] = vars(owner).setdefault(place, {})
         key = (*args, *kwargs.items())
         if key not in known:
             known[key] = function(owner, *args, **kwargs)
@@ -175,31 +176,36 @@ def numbers(function: casadi.Function, *given: np.ndarray | float) -> list[np.nd
     conversions of arrays cost is several evaluations' worth. ValueError refuses other sizes.
     """
     asked, told = _ports(function)
-    flat = [np.asarray(each, dtype=float).ravel("F") for each in given]
-    counts = {v.size / size for v, (size, _) in zip(flat, asked, strict=True) if size}
+    values = [np.asarray(each, dtype=float) for each in given]
+    counts = {v.size / size for v, (size, _) in zip(values, asked, strict=True) if size}
     count = 0 if 0 in counts else int(max(counts, default=1))
     if not counts <= {0, 1, count}:
         raise ValueError(f"{function}: given {', '.join(str(np.shape(each)) for each in given)}")
     if not count:  # casadi maps over one column at least
         return [np.empty((rows, 0)) for rows, _, _ in told]
-    desks = cached(function, _Desk)
+    desks: dict[tuple[int], _Desk] = vars(function).setdefault(_DESK, {})
     desk = desks.pop((count,), None) or _Desk(function, count)  # nobody else works on it meanwhile
-    for (size, entries), values, own in zip(asked, flat, desk.given, strict=True):
+    for (size, entries), each, own in zip(asked, values, desk.given, strict=True):
         if size:
-            columns = values.reshape(-1, size)
+            whole = each.ndim == 2 and each.shape[0] == size
+            columns = each.T if whole else each.ravel("F").reshape(-1, size)
             own[:] = columns if entries is None else columns[:, entries]
     desk.trigger()
     found = []
     for (rows, width, entries), at in zip(told, desk.found, strict=True):
-        whole = np.zeros((count, rows * width))
-        whole[:, slice(None) if entries is None else entries] = at
-        found.append(whole.reshape(count * width, rows).T)
+        if entries is None:
+            filled = at.copy()
+        else:
+            filled = np.zeros((count, rows * width))
+            filled[:, entries] = at
+        found.append(filled.reshape(count * width, rows).T)
     while len(desks) >= _DESKS:
         del desks[next(iter(desks))]
     desks[(count,)] = desk
     return found
 
 
+_DESK = "desk"  # where they stand beside what a function has of its own
 _DESKS = 4  # of a function, for as many counts of points: solves in turns keep to a few
 
 
@@ -242,6 +248,7 @@ def _ports(
     )
 
 
+@once
 def fast(function: casadi.Function) -> Callable[..., np.ndarray]:
     """Return a function of numpy arrays for a casadi function of one dense output column, quick to
     call at one point after another.

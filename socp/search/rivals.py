@@ -237,10 +237,13 @@ class _Shooting:
     def _flown(self, state: np.ndarray, levels: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         low, high = self.problem.box
         nx, nu = self.first.size, low.size
+        going = np.flatnonzero(lengths > 0.0)  # beyond a word's end nothing moves
+        now = state[:, going]
+        now[nx + 3 : nx + 3 + nu] = (low + (high - low) * levels[going]).T
+        now[nx + 3 + nu] = lengths[going] / _STEPS
         state = state.copy()
-        state[nx + 3 : nx + 3 + nu] = (low + (high - low) * levels).T
-        state[nx + 3 + nu] = lengths / _STEPS
-        return numbers(self.arc, state)[0]
+        state[:, going] = numbers(self.arc, now)[0]
+        return state
 
     def _corrected(self, shots: _Shots, weights: np.ndarray, rounds: int) -> _Shots:
         """Return shots after some steps of Gauss and Newton in their lengths, which stay positive;

@@ -6,7 +6,7 @@ The formula is that of Dormand and Prince (Hairer, Norsett, Wanner, Solving ODEs
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, final
+from typing import final
 
 import casadi
 import numpy as np
@@ -35,12 +35,11 @@ class Motion:
         given = [casadi.vertcat(problem.x, phase.carried), time, problem.p]
         motion = casadi.Function("f", given, [casadi.vertcat(rate, phase.carried_rate, running, 1)])
         y, h = casadi.SX.sym("y", motion.size1_out(0)), casadi.SX.sym("h")
-        slopes: list[Any] = []
-        *stages, last = DOP853_STAGES[: _END + 1]
-        for row in stages:
-            at = y + h * _sum(row, slopes)
-            slopes.append(motion(at[:-2], at[-1], problem.p))
-        return casadi.Function("step", [y, h, problem.p], [y + h * _sum(last, slopes)])
+        slopes, at = casadi.SX(y.numel(), 0), y
+        for row in DOP853_STAGES[1 : _END + 1]:
+            slopes = casadi.horzcat(slopes, motion(at[:-2], at[-1], problem.p))
+            at = y + h * casadi.mtimes(slopes, casadi.DM(row))
+        return casadi.Function("step", [y, h, problem.p], [casadi.densify(at)])
 
     @cached_property
     def kinks(self) -> Expr:
@@ -169,8 +168,3 @@ def motion_of(problem: Problem, phase: Phase) -> Motion:
     if found is None or not casadi.is_equal(found.phase.control, phase.control):
         known[key] = found = Motion(problem, phase)
     return found
-
-
-def _sum(row: list[float], slopes: list[Any]) -> Expr:
-    """Return the sum of slopes times the coefficients of a row that are not zero."""
-    return sum((a * k for a, k in zip(row, slopes, strict=False) if a), casadi.SX(0))

@@ -193,6 +193,8 @@ class Shooting:
             given = [problem.x, phase.carried, time, problem.p]
             rows, begin = [], t0 + casadi.sum1(lengths[:k])
             for held, at in ((phase.entry, 0), (phase.exit, -1)):
+                if not held:
+                    continue
                 function = casadi.Function("held", given, [column(held)])
                 moment = begin + lengths[k] if at else begin
                 rows.append(function(z[k][:nx, at], z[k][nx:, at], moment, p))
