@@ -34,7 +34,6 @@ from socp.verdict import claims, estimates, margins
 from socp.verdict.accuracy import sharpened
 from socp.verdict.adjoint import AdjointSystem, Ends, condense, unknowns_of
 from socp.verdict.conditions import conditions
-from socp.verdict.grading.grade import grade
 from socp.verdict.junctions import chattering
 from socp.verdict.lessons import learn
 from socp.verdict.multipliers import Case, multipliers
@@ -229,6 +228,8 @@ def graded(problem: Problem, solution: Solution) -> Solution:
     verdict = solution.verdict
     if verdict is None or verdict.extremal or not verdict.feasible:
         return solution
+    from socp.verdict.grading.grade import grade  # it brings scipy
+
     began = time.perf_counter()
     with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError, ValueError, ArithmeticError):
         verdict = replace(verdict, grade=grade(problem, solution))

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import final
 
+import casadi
 import numpy as np
-from scipy.linalg import lstsq
 
 from socp.model import EXTREMAL, ROUNDED, TINY, Condition, Finding
-from socp.process import output_discarded
+from socp.solvers import linear_programme
 from socp.verdict import margins
 from socp.verdict.adjoint import AdjointSystem
 from socp.verdict.claims import running_magnitude
@@ -105,8 +105,10 @@ def _least_squares(case: Case) -> np.ndarray:
     matrix, offset = np.vstack([r.matrix for r in rows]), np.concatenate([r.offset for r in rows])
     size = np.linalg.norm(matrix, axis=0)
     size[size == 0] = 1.0
-    # pivoted QR: several times as fast as the singular values, and as good at telling the rank
-    return np.array(lstsq(matrix / size, -offset, cond=1e-12, lapack_driver="gelsy")[0] / size)
+    # the singular values of the triangle alone: several times as fast as those of all rows
+    basis, triangle = np.linalg.qr(matrix / size)
+    found = np.linalg.lstsq(triangle, -(basis.T @ offset), rcond=1e-12)[0]
+    return np.array(found / size)
 
 
 def _programme(
@@ -145,24 +147,24 @@ def _solved(
     In the sum the rows that fix the multipliers' scale count for all others together: breaking
     those alone explains nothing.
     """
-    import cvxpy
-
     (size, scale), pairs = units, list(zip(case.rows, kept, strict=True))
     matrix = np.vstack([rows.matrix[keep] for rows, keep in pairs]) * scale / size
     offset = np.concatenate([rows.offset[keep] for rows, keep in pairs]) / size
     equation = np.concatenate([np.full(keep.size, rows.equation) for rows, keep in pairs])
-    z = cvxpy.Variable(scale.size)
-    excess = cvxpy.Variable(nonneg=True) if worst else cvxpy.Variable(offset.size, nonneg=True)
-    value = offset + matrix @ z
-    constraints = [value <= excess, -value[equation] <= (excess if worst else excess[equation])]
-    weight = np.concatenate([_weight(rows, keep.size, offset.size) for rows, keep in pairs])
-    programme = cvxpy.Problem(cvxpy.Minimize(excess if worst else weight @ excess), constraints)
-    try:
-        with output_discarded():
-            programme.solve(solver=cvxpy.HIGHS)
-    except cvxpy.error.SolverError:
-        return None
-    return None if z.value is None else (np.asarray(z.value) * scale, float(programme.value))
+    count, nz = matrix.shape
+    # (z, excess): offset + matrix z is no more than the excess, and no less than -excess where it
+    # is an equation
+    excess = casadi.DM.ones(count, 1) if worst else casadi.DM.eye(count)
+    both = np.append(np.arange(count), np.flatnonzero(equation))
+    sides = np.append(np.ones(count), -np.ones(both.size - count))
+    signed = casadi.horzcat(casadi.DM(sides[:, None] * matrix[both]), -excess[both.tolist(), :])
+    weight = np.concatenate([_weight(rows, keep.size, count) for rows, keep in pairs])
+    cost = np.append(np.zeros(nz), np.ones(1) if worst else weight)
+    low = np.append(np.full(nz, -np.inf), np.zeros(cost.size - nz))
+    box = np.vstack([low, np.full(cost.size, np.inf)])
+    limits = np.vstack([np.full(both.size, -np.inf), -sides * offset[both]])
+    found = linear_programme(cost, signed, limits, box)
+    return None if found is None else (found[:nz] * scale, float(cost @ found))
 
 
 def _strict(case: Case, z: np.ndarray) -> np.ndarray:
@@ -192,18 +194,14 @@ def _strict(case: Case, z: np.ndarray) -> np.ndarray:
     )
     margin = np.zeros(right.size)
     margin[: offset.size] = 1.0
-    from scipy.optimize import linprog
-
-    found = linprog(
+    found = linear_programme(
         np.append(np.zeros(z.size), -1.0),
         np.column_stack([left, margin]),
-        right,
-        bounds=[(None, None)] * z.size + [(None, 1.0)],
+        np.vstack([np.full(right.size, -np.inf), right]),
+        np.array([np.full(z.size + 1, -np.inf), np.append(np.full(z.size, np.inf), 1.0)]),
     )
-    better = (
-        found.x is not None and found.x[-1] > EXTREMAL and _worst(case, found.x[:-1]) <= EXTREMAL
-    )
-    return np.array(found.x[:-1]) if better else z
+    better = found is not None and found[-1] > EXTREMAL and _worst(case, found[:-1]) <= EXTREMAL
+    return found[:-1] if better and found is not None else z
 
 
 def _weight(rows: Rows, kept: int, every: int) -> np.ndarray:
