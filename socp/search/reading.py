@@ -139,9 +139,13 @@ def _mode(row: tuple[Stretch, ...], t: float) -> str:
     return next((mode for mode, a, b in row if a <= t <= b), row[-1][0])
 
 
-def read(problem: Problem, solution: Solution, *, plain: bool = False) -> Candidate:
+def read(
+    problem: Problem, solution: Solution, *, plain: bool = False, limits: bool = False
+) -> Candidate:
     """Read the word of a direct solution, what its grid has smeared taken back, or as plainly as it
     stands.
+
+    limits: short stretches along state constraints are taken at their word.
     """
     step = (solution.final_time - solution.initial_time) / sum(
         len(arc.mesh) - 1 for arc in solution.arcs
@@ -153,12 +157,14 @@ def read(problem: Problem, solution: Solution, *, plain: bool = False) -> Candid
             blurred = [
                 k
                 for k, (mode, a, b) in enumerate(kept)
-                if mode not in "+-" and b - a < _BLURRED * step
+                if mode not in "+-"
+                and b - a < _BLURRED * step
+                and not (limits and mode.startswith("b"))
             ]
             if not blurred:
                 break
-            above = _time_above(problem, solution, name, kept[blurred[0]])
-            kept = _absorbed(kept, blurred[0], above)
+            above = [_time_above(problem, solution, name, each) for each in kept]
+            kept = _absorbed(kept, blurred[0], above, limits=limits)
         rows[name] = tuple(kept)
     return candidate(solution, rows)
 
@@ -176,16 +182,23 @@ def _calmed(row: list[Stretch], shortest: float) -> list[Stretch]:
     return _joined((mode_of(k), a, b) for k, (_, a, b) in enumerate(row))
 
 
-def _absorbed(row: list[Stretch], k: int, above: float) -> list[Stretch]:
+def _absorbed(
+    row: list[Stretch], k: int, times: list[float], *, limits: bool = False
+) -> list[Stretch]:
     """Return stretches with bangs of the same integral in place of one inside the box, which the
-    grid has smeared: above is the time (b - a at most) that its control would spend at the upper
-    bound.
+    grid has smeared: times (n,) are those that the control of every stretch would spend at its
+    upper bound.
 
     Between unlike bangs it is their switch; beside one bang, or between two alike, it hides a burst
-    to the other bound. Beside an arc of another kind it is divided between its neighbours.
+    to the other bound. Beside an arc of another kind it is divided between its neighbours; limits:
+    at an end of the horizon it is the bang that leads to or from the constraint there.
     """
-    _, a, b = row[k]
+    (_, a, b), above = row[k], times[k]
     before, after = (row[j][0] if 0 <= j < len(row) else "" for j in (k - 1, k + 1))
+    if limits and not (before and after) and (before or after).startswith("b"):
+        j = k - 1 if before else k + 1
+        higher = above / (b - a) > times[j] / (row[j][2] - row[j][1])
+        return _joined([*row[:k], ("+" if higher else "-", a, b), *row[k + 1 :]])
     if not {before, after} <= {"", "+", "-"}:
         at = (a + b) / 2.0
         inner = [(before or after, a, at), (after or before, at, b)]

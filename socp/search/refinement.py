@@ -3,7 +3,7 @@ judging and mending.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +28,8 @@ _NEARLY = 1e-4  # residual and miss: what is left of a wrong word is seldom less
 _DESCENTS = 4  # times that a search leaves an extremal that is no minimum for a lower one
 _SIDE = 10  # words tried from one side of it: a switch has moved, or an arc has gone
 _LATE = 1e3  # rank of what is tried once no mend is left: whatever mends it goes first
+# Rank of what a grid shows: what mends a word whose residual is less goes first, as that is nearer
+_SHOWN = 0.1
 # Short arcs that a grid shows are tried as they stand up to so many; more of them are ringing
 _PLAIN = 3
 
@@ -49,8 +51,12 @@ def refine(
     when those have led nowhere.
     """
     learn(problem, direct)
-    batches = _late(problem, direct, search) if late else _early(problem, direct)
-    return try_words(problem, batches, search, watch, solves)
+    if late:
+        return try_words(problem, _late(problem, direct, search), search, watch, solves)
+    first, limits = read(problem, direct), read(problem, direct, limits=True)
+    shown = [first] if limits.key == first.key else [first, limits]
+    shown = [with_hidden_bangs(problem, each) for each in shown]
+    return try_words(problem, _early(first), search, watch, solves, shown)
 
 
 def try_words(
@@ -59,11 +65,12 @@ def try_words(
     search: Search,
     watch: Watch = silent,
     solves: int = _SOLVES,
+    shown: Sequence[Candidate] = (),
 ) -> Solution | None:
-    """Try words and what mends them, best first, another batch of words once none is left; returns
-    as `refine` does.
+    """Try the words that are shown and what mends them, best first, another batch of words once
+    none is left; returns as `refine` does.
     """
-    queue: list[tuple[float, Candidate]] = []
+    queue = [(_SHOWN, each) for each in shown]
     seen: set[str] = set()  # what failed from another start may succeed from this one
     last = search.count + solves
     while search.count < last and not search.over:
@@ -127,10 +134,8 @@ def _residual(solution: Solution) -> float:
     return max((each.residual for each in kept), default=1.0)
 
 
-def _early(problem: Problem, direct: Solution) -> Iterator[list[Candidate]]:
-    """Yield what labels and deviations show, then the same with bangs at the ends."""
-    first = read(problem, direct)
-    yield [with_hidden_bangs(problem, first)]
+def _early(first: Candidate) -> Iterator[list[Candidate]]:
+    """Yield what labels show, then the same with bangs at the ends."""
     yield [first]
     yield list(starts(first))
 

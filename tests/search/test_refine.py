@@ -70,6 +70,18 @@ def spelt(given: Candidate) -> list[str]:
     return [" ".join(map(str, arc)) for arc in given.arcs]
 
 
+def test_short_stretches_along_a_limit_count_where_limits_are_read() -> None:
+    solution = held([0] * 10 + [0, -0.5], [2] * 12)
+    (arc,) = solution.arcs
+    states_at_limit = arc.x.copy()
+    states_at_limit[0, 10:12] = 3.0
+    solution = replace(solution, arcs=(replace(arc, x=states_at_limit),))
+    assert spelt(read(problem, solution)) == ["s +"]
+    limits = read(problem, solution, limits=True)
+    assert spelt(limits) == ["s +", "b[x.upper] +", "- +"]
+    assert limits.edges == (0.0, 10.0, 11.0, 12.0)
+
+
 def test_reading_joins_the_switches_of_all_controls() -> None:
     found = read(problem, held([1] * 6 + [-1] * 6, [2] * 3 + [0] * 9))
     assert spelt(found) == ["+ +", "+ -", "- -"]
