@@ -13,6 +13,7 @@ from .contract import option_range as option_range
 from .contract import options as options
 from .contract import solve_collocated as solve_collocated
 from .contract import solve_directly as solve_directly
+from .descent import descended as descended
 from .direct import Scouted as Scouted
 from .direct import scouted as scouted
 from .direct import scouts as scouts

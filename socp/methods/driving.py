@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from socp.methods.guess import guess_of
-from socp.model import Problem, Solution, numbers, parameters_of, rate_function
+from socp.model import Problem, Solution, numbers, parameters_of, rate_function, shown_sizes
 from socp.process import seconds_left
 from socp.transcription import state_magnitudes
 
@@ -18,7 +18,9 @@ _CORNERS = 2  # controls up to which every corner of the box is driven; of more,
 _HORIZONS = (1.0, 2.0, 4.0, 8.0, 0.5, 0.25, 0.125)
 _STEPS = 2000  # of the integrator: a motion that takes more is cut, a guess needs no more
 _RTOL = 1e-6  # a guess needs no digits
-_AWAY = 1e3  # times the states' magnitudes: what goes further has escaped, and holds there
+# Times the magnitudes of states that ends or bounds show: what goes further has escaped, and holds
+# there. Of others nothing is known: a product that begins with nothing may have no rate there
+_AWAY = 1e3
 _NODES = 201  # samples of a motion; growth over many e-foldings happens at the end
 
 
@@ -75,13 +77,14 @@ def _driven(
     p = parameters_of(problem, guess)
     rate = rate_function(problem)
     sizes, x0 = state_magnitudes(problem, guess), guess.rows("x")[:, 0]
+    limits = np.where(shown_sizes(problem, x0[:, None]) > 0.0, _AWAY * sizes, np.inf)
 
     def moved(t: float, x: np.ndarray) -> np.ndarray:
         return numbers(rate, x, u, t, p)[0].ravel()
 
     t = np.linspace(guess.initial_time, last, _NODES)
     with np.errstate(all="ignore"):  # towards a pole
-        x = _integrated(moved, t, x0, sizes)
+        x = _integrated(moved, t, x0, sizes, limits)
     inside = np.clip(x, *problem.state_box[:, :, None])
     beyond = float((np.abs(x - inside) / sizes[:, None]).max())
     return beyond, guess_of(
@@ -94,9 +97,10 @@ def _integrated(
     t: np.ndarray,
     x0: np.ndarray,
     sizes: np.ndarray,
+    limits: np.ndarray,
 ) -> np.ndarray:
-    """Return the states (nx, n) of a motion at times (n,); where it escapes, is cut, or the time
-    allowed ends it, it stays.
+    """Return the states (nx, n) of a motion at times (n,); where it leaves its limits (nx,), is cut,
+    or the time allowed ends it, it stays.
     """
     x = np.repeat(x0[:, None], t.size, axis=1)
     if not np.isfinite(moved(t[0], x0)).all():
@@ -111,7 +115,7 @@ def _integrated(
             break
         if seconds_left() <= 0.0:
             break
-        if steps.status == "failed" or not (np.abs(steps.y) <= _AWAY * sizes).all():
+        if steps.status == "failed" or not (np.abs(steps.y) <= limits).all():
             break
         new = (t > steps.t_old) & (t <= steps.t)
         x[:, new] = steps.dense_output()(t[new])

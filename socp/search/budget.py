@@ -9,7 +9,7 @@ from itertools import islice
 from typing import final
 
 from socp.errors import SolveError
-from socp.methods import motions, scouts_from_motions, solve_directly
+from socp.methods import descended, motions, scouts_from_motions, solve_directly
 from socp.model import Problem, Solution, Stop, Watch, silent, staged
 from socp.process import seconds_left, time_limit
 from socp.search.effort import Ration, Search, along_words, off, precedes
@@ -97,7 +97,10 @@ def escalate(
     lost = not _done(problem, search) and not any(_followed(problem, each) for each in directs)
     if guess is not None and lost:
         with time_limit(_MOVING * seconds_left()):
-            directs += scouts_from_motions(problem, guess, staged(watch, "motions"), backend)
+            found = descended(problem, guess)
+            directs += [] if found is None else [found]
+            if found is None:
+                directs += scouts_from_motions(problem, guess, staged(watch, "motions"), backend)
         if directs and directs[-1].stop is Stop.INTERRUPTED:
             raise KeyboardInterrupt
     held: list[Solution] = []

@@ -33,7 +33,7 @@ def held_solution(
     """
     mesh = knotted(problem, radau_iia(_POINTS), _HELD)
     phased = single_phase(problem).with_phases(held=True)
-    patient = backend.within(_TOLERANCE).limited(_ITERATIONS)
+    patient = backend.within(_TOLERANCE).limited(_ITERATIONS).nearby()
     try:
         return solve_collocated(phased, [mesh], patient, known, watch)
     except SolveError:

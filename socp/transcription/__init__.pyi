@@ -25,6 +25,7 @@ from .phases import PhasedProblem as PhasedProblem
 from .phases import Row as Row
 from .phases import follow as follow
 from .phases import single_phase as single_phase
+from .scaling import Scale as Scale
 from .scaling import state_magnitudes as state_magnitudes
 from .schemes import Scheme as Scheme
 from .schemes import euler as euler
