@@ -8,10 +8,10 @@ from scipy.optimize import brentq
 
 from socp.model import Problem, Solution, silent
 from socp.process import time_limit
-from socp.search import Candidate, Search, mends, try_words, word_of
+from socp.search import Candidate, Search, mends, merged, neighbour, try_words, word_of
 from socp.study.branch import Event, Point
 from socp.study.monitors import Clue, Margins, lengths, margins
-from socp.study.naming import named
+from socp.study.naming import TURNED, named
 from socp.study.walk import EVENT, SMALLEST, STEPS, ZERO, Trial, Walk, Zero
 from socp.verdict import learn, with_second_order
 
@@ -34,11 +34,11 @@ def passed(before: Margins, now: Margins) -> bool:
 
 
 def changed(
-    walk: Walk, inside: Trial, value: float, outside: Trial | tuple[float, Candidate] | None
+    walk: Walk, inside: Trial, value: float, outside: Trial | tuple[float, list[Solution]] | None
 ) -> bool:
     """Go through the change of word between the last point and a value at which its word does not
     hold; returns whether there is another word to go on with. `outside`: what Newton makes of the
-    word there, or where it is expected to end, with the next one.
+    word there, or where it is expected to end, with guesses along the next one.
     """
     near = outside if isinstance(outside, tuple) else None
     trial = outside if isinstance(outside, Trial) else None
@@ -46,7 +46,7 @@ def changed(
     there = found.trial.value if found else inside.value if near is None else near[0]
     for place in _beyond(walk, there, value):
         known = [each for each in (found.trial if found else inside, trial) if each is not None]
-        other = _mended(walk, place, known, [] if near is None else [near[1]])
+        other = _mended(walk, place, known, [] if near is None else near[1])
         if other is None:
             continue
         if other.followed != inside.solution.followed:
@@ -56,7 +56,7 @@ def changed(
             walk.events.append(event)
         walk.points.append(Point(place, other))
         return True
-    walk.last = found and _named(walk, found, found, inside.solution.word, "")
+    walk.last = found and _named(walk, found, found, inside.solution, None)
     return False
 
 
@@ -116,24 +116,26 @@ def _whole(solution: Solution) -> bool:
 
 
 def _mended(
-    walk: Walk, value: float, trials: list[Trial], expected: list[Candidate]
+    walk: Walk, value: float, trials: list[Trial], expected: list[Solution]
 ) -> Solution | None:
     """Return a certified solution at a value along a word that is expected, or that mends what is
     amiss at trials.
     """
-    problem = walk.at(value)
+    problem, origin = walk.at(value), walk.at(trials[0].value)
     walk.tell(value, "")
     learn(problem, trials[0].solution)
-    batches = _batches(problem, [each.solution for each in trials], expected)
-    with time_limit(_SECONDS):
-        found = try_words(problem, batches, Search(), silent, _WORDS)
+    found = next(filter(None, (neighbour(problem, each, origin) for each in expected)), None)
+    if found is None:
+        batches = _batches(problem, [each.solution for each in trials], expected)
+        with time_limit(_SECONDS):
+            found = try_words(problem, batches, Search(), silent, _WORDS)
     return None if found is None or not found.extremal else with_second_order(problem, found)
 
 
 def _batches(
-    problem: Problem, starts: list[Solution], expected: list[Candidate]
+    problem: Problem, starts: list[Solution], expected: list[Solution]
 ) -> Iterator[list[Candidate]]:
-    yield expected
+    yield [merged(word_of(each)) for each in expected]
     for start in starts:
         yield list(mends(problem, word_of(start), start))
     yield [word_of(starts[0])]
@@ -159,7 +161,7 @@ def _event(walk: Walk, inside: Trial, forth: Zero | None, beyond: Point) -> Even
     met = walk.tried(there.trial.value, side)
     if met is not None and not _meet(met.solution, there.trial.solution):
         return None
-    return _named(walk, there, forth, inside.solution.word, beyond.solution.word)
+    return _named(walk, there, forth, inside.solution, beyond.solution)
 
 
 def _meet(one: Solution, other: Solution) -> bool:
@@ -168,19 +170,31 @@ def _meet(one: Solution, other: Solution) -> bool:
     return abs(one.objective - other.objective) <= _SAME * size
 
 
-def _named(walk: Walk, there: Zero, forth: Zero | None, before: str, after: str) -> Event:
+def _named(
+    walk: Walk, there: Zero, forth: Zero | None, before: Solution, after: Solution | None
+) -> Event:
     """Return the event at a zero of a margin, called by the zero that was met on the way forth,
-    where one was.
+    where one was, between solutions before and after it.
     """
     called = forth or there
     kind, where = named(called.trial.solution, called.clue, back=forth is None)
+    if after is not None and called.clue.kind == "length" and _turned(before, after):
+        kind = TURNED
     return Event(
         value=there.trial.value,
         error=_LOCATED * abs(walk.width),
         kind=kind,
         where=where,
         time=there.trial.margins[there.clue].time,
-        before=before,
-        after=after,
+        before=before.word,
+        after="" if after is None else after.word,
         solution=there.trial.solution,
     )
+
+
+def _turned(before: Solution, after: Solution) -> bool:
+    """Tell whether two words differ in nothing but which bound a control is at."""
+    pairs = zip(before.followed.arcs, after.followed.arcs, strict=False)
+    apart = [{a.kind, b.kind} for m, n in pairs for a, b in zip(m, n, strict=True) if a != b]
+    alike = len(before.followed.arcs) == len(after.followed.arcs)
+    return alike and bool(apart) and all(each == {"lower", "upper"} for each in apart)

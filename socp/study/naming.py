@@ -12,6 +12,8 @@ _KINDS = {  # going forth, and coming back
     "multiplier": ("constraint left", "constraint touched"),
     "curvature": ("minimum lost", "minimum gained"),
 }
+# an arc loses its length, and has it again at the other bound
+TURNED = "bound changes"
 
 
 def named(solution: Solution, clue: Clue, *, back: bool) -> tuple[str, str]:

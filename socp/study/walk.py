@@ -2,13 +2,14 @@
 predict.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
 
-from socp.model import Arc, Problem, Progress, Solution, Watch
-from socp.search import Candidate, continued, without_arc, word_of
+from socp.model import Arc, Mode, Problem, Progress, Solution, Watch
+from socp.search import continued
 from socp.study.branch import Event, Point
 from socp.study.monitors import Clue, Margins, lengths, margins
 from socp.verdict import certified, learn, with_second_order
@@ -119,9 +120,10 @@ def predicted(before: Point | None, now: Point, value: float) -> Solution | None
 
 def vanishing(
     walk: Walk, before: Point | None, now: Point, value: float
-) -> tuple[float, Candidate] | None:
+) -> tuple[float, list[Solution]] | None:
     """Return where, up to a value, the last two solutions let an arc lose its length, if they do,
-    and the word without it. Newton knows little there: the length may be degenerate.
+    and guesses along the words that may hold beyond: without the arc, and with another bound on it.
+    Newton knows little there: the length may be degenerate.
     """
     if before is None or not _alike(before.solution, now.solution):
         return None
@@ -133,7 +135,30 @@ def vanishing(
     room = abs(value - now.value) + EVENT * abs(walk.width)
     if here.size < 2 or not abs(near - now.value) <= room:
         return None
-    return float(near), without_arc(word_of(now.solution), k)
+    return float(near), [_without(now.solution, k), *_turned(now.solution, k)]
+
+
+def _without(solution: Solution, k: int) -> Solution:
+    """Return a solution without an arc, whose time a neighbour has."""
+    arcs = list(solution.arcs)
+    gone, j = arcs[k], 1 if k == 0 else k - 1
+    span = sorted((*gone.t[[0, -1]], *arcs[j].t[[0, -1]]))
+    share = (arcs[j].t - arcs[j].t[0]) / np.ptp(arcs[j].t)
+    arcs[j] = replace(arcs[j], t=span[0] + share * (span[-1] - span[0]))
+    return replace(solution, arcs=(*arcs[:k], *arcs[k + 1 :]))
+
+
+def _turned(solution: Solution, k: int) -> Iterator[Solution]:
+    """Yield a solution with a control at its other bound on an arc that it is at this bound on
+    alone: a start that crosses a singular surface is met from the other side.
+    """
+    arcs = solution.arcs
+    for i, mode in enumerate(arcs[k].modes):
+        other = {"+": Mode("lower"), "-": Mode("upper")}.get(str(mode))
+        beside = [arcs[j].modes[i] for j in (k - 1, k + 1) if 0 <= j < len(arcs)]
+        if other is not None and not {mode, other} & set(beside):
+            modes = (*arcs[k].modes[:i], other, *arcs[k].modes[i + 1 :])
+            yield replace(solution, arcs=(*arcs[:k], replace(arcs[k], modes=modes), *arcs[k + 1 :]))
 
 
 def _alike(one: Solution, other: Solution) -> bool:

@@ -90,3 +90,17 @@ def test_rates_see_no_time_after_the_latest() -> None:
     steps.step()
     assert steps.status == "finished"
     assert steps.y[0] == pytest.approx(1.0, abs=1e-15)
+
+
+def test_a_motion_at_rest_is_known_between_steps() -> None:
+    """X' = 4 - x^2 next to 2: it stays there, however long a step that its end allows."""
+    x, u = casadi.SX.sym("x"), casadi.SX.sym("u", 0)
+    flow = casadi.Function("flow", [x, u, T, P], [casadi.vertcat(4 - x**2, 0)])
+    nothing = (flow, lambda t: np.empty((0, t.size)), FRICTION)
+    span, start = (0.0, 20.0, 20.0), np.array([2 - 5e-13, 0.0])
+    for first in np.linspace(0.05, 6.0, 60):
+        mine = Steps(nothing, span, start, first, rtol=RTOL, atol=RTOL * np.array([2.0, 1.0]))
+        while mine.status == "running":
+            assert mine.step() == ""
+            between = mine.between(np.linspace(mine.t_old, mine.t, 20))[0]
+            assert np.abs(between - 2.0).max() < 1e-7
