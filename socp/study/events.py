@@ -12,7 +12,7 @@ from socp.search import Candidate, Search, mends, merged, neighbour, try_words, 
 from socp.study.branch import Event, Point
 from socp.study.monitors import Clue, Margins, lengths, margins
 from socp.study.naming import TURNED, named
-from socp.study.walk import EVENT, SMALLEST, STEPS, ZERO, Trial, Walk, Zero
+from socp.study.walk import EVENT, SMALLEST, STEPS, ZERO, Trial, Walk, Zero, past
 from socp.verdict import learn, with_second_order
 
 _CLEAR = 1e-7  # of its size: one that is further on the wrong side has passed through zero
@@ -44,9 +44,12 @@ def changed(
     trial = outside if isinstance(outside, Trial) else None
     found = None if trial is None else _located(walk, inside, trial)
     there = found.trial.value if found else inside.value if near is None else near[0]
+    expected = [] if near is None else near[1]
+    if found is not None and found.clue.kind == "length":
+        expected = past(inside.solution, found.clue.number)
     for place in _beyond(walk, there, value):
         known = [each for each in (found.trial if found else inside, trial) if each is not None]
-        other = _mended(walk, place, known, [] if near is None else near[1])
+        other = _mended(walk, place, known, expected)
         if other is None:
             continue
         if other.followed != inside.solution.followed:

@@ -135,7 +135,12 @@ def vanishing(
     room = abs(value - now.value) + EVENT * abs(walk.width)
     if here.size < 2 or not abs(near - now.value) <= room:
         return None
-    return float(near), [_without(now.solution, k), *_turned(now.solution, k)]
+    return float(near), past(now.solution, k)
+
+
+def past(solution: Solution, k: int) -> list[Solution]:
+    """Return guesses along the words that may hold where an arc has lost its length."""
+    return [_without(solution, k), *_turned(solution, k)] if len(solution.arcs) > 1 else []
 
 
 def _without(solution: Solution, k: int) -> Solution:

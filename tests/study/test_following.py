@@ -97,6 +97,20 @@ def test_a_constant_is_followed_through_an_event(along: Solution) -> None:
 
 
 @pytest.mark.slow
+def test_a_start_crosses_a_singular_surface() -> None:
+    """From x = 1 to the level, wherever that is: its distance d costs d^3 / 3."""
+    free = POND.with_({"end": {x: (None, None)}, "final_time": 2})
+    below = solve(free, method="lgr-multiphase", word="- s")
+    found = follow(free, {"level": (0.75, 1.2)}, below, steps=3)
+    whole(found, 1.2, ["u: - s", "u: + s"])
+    (event,) = found.events
+    assert (event.kind, event.where) == ("bound changes", "u")
+    assert event.value == pytest.approx(1.0, abs=1e-8)
+    assert event.time == pytest.approx(0.0, abs=1e-8)
+    assert found.points[-1].solution.objective == pytest.approx(0.2**3 / 3, rel=1e-9)
+
+
+@pytest.mark.slow
 def test_an_event_at_the_last_value_is_one(along: Solution) -> None:
     found = follow(POND, {"final_time": (2, 1.5)}, along, steps=2)
     whole(found, 1.5, ["u: - s +", "u: - +"])
