@@ -2,6 +2,7 @@
 another.
 """
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from socp.cli.session import Session
@@ -111,3 +112,39 @@ def _compare(session: Session, own: "Problem", other: "Problem", told: str) -> N
     if places:
         more = f" and {len(places) - _TOLD} more places" if len(places) > _TOLD else ""
         session.warn(f"{told} in: {', '.join(places[:_TOLD])}{more}")
+
+
+def opened_beside(
+    session: Session, first: "Problem | None", others: Mapping[str, str]
+) -> "dict[str, Solution]":
+    """Return other results, paths by name, that are shown beside one of a problem; a message says
+    which numbers of theirs are others.
+    """
+    found = {}
+    for name, path in others.items():
+        found[name], own = open_result(session, path, None)
+        apart = [] if first is None or own is None else _apart(first, own)
+        if apart:
+            session.note(f"{name} is of other numbers: {', '.join(apart)}")
+    return found
+
+
+def _apart(first: "Problem", other: "Problem") -> list[str]:
+    """Return in what a problem differs from a first one: constants with their values, then places
+    that these do not explain.
+    """
+    from socp.model import differences
+
+    try:
+        constants = {name: each.value for name, each in first.constants.items()}
+        values = {name: each.value for name, each in other.constants.items()}
+        told = [
+            f"{name} = {value:g} in place of {constants[name]:g}"
+            for name, value in values.items()
+            if value != constants.get(name, value)
+        ]
+        known = {name: value for name, value in constants.items() if name in values}
+        places = differences(first, other.with_(known) if known else other)
+    except ProblemError:  # what cannot be written as data is not compared
+        return []
+    return [*told, *places[:_TOLD]]

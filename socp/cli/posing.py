@@ -1,7 +1,9 @@
 """Problems as a command was given them: loaded, with the numbers that `--set` changes."""
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import click
@@ -9,7 +11,7 @@ from rich.text import Text
 
 from socp.cli.options import pairs
 from socp.errors import MethodError, ProblemError
-from socp.process import one_line, short
+from socp.process import file_stem, one_line, short
 from socp.registry import Registry, load_problem
 
 if TYPE_CHECKING:
@@ -103,6 +105,19 @@ def told_line(changes: Sequence[str]) -> list[Text]:
     """Return the line of a report that says what was set, none where nothing was."""
     set_ = ", ".join(f"{name}={text}" for name, text in told(changes).items())
     return [Text(one_line(f"set  {set_}"))] if set_ else []
+
+
+def named_after(problem: str, ending: str, changes: Sequence[str] = ()) -> Path:
+    """Return the path of a file in the current folder that is named after a problem, and after what
+    is set: results of other numbers are other files.
+    """
+    numbers = "".join(f".{name}={text}" for name, text in told(changes).items())
+    if len(numbers) > _LONGEST:
+        numbers = f".{hashlib.sha256(numbers.encode()).hexdigest()[:8]}"
+    return Path(f"{file_stem(problem + numbers)}{ending}")
+
+
+_LONGEST = 60  # characters of numbers in a file's name: people read no more
 
 
 def _value(name: str, text: str) -> Any:

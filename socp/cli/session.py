@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, final
 
 from socp.cli.streams import current, say
 from socp.errors import MethodError
-from socp.process import file_stem, one_line, printable, short
+from socp.process import one_line, printable, short
 
 if TYPE_CHECKING:  # help needs none of them
     from rich.console import Console, RenderableType
@@ -119,11 +119,6 @@ def writable(path: Path, option: str = "--out", *, replaced: bool = True) -> Pat
             "elsewhere"
         )
     return path
-
-
-def named_after(problem: str, ending: str) -> Path:
-    """Return the path of a file in the current folder that is named after a problem."""
-    return Path(f"{file_stem(problem)}{ending}")
 
 
 def _nameable(path: Path) -> None:

@@ -24,6 +24,9 @@ _ROLES: dict[
     Expr, Role
 ] = {}  # keeps every declared symbol alive, so that no other can take its hash
 
+# numpy's sin of an expression is an expression, as it has always been; by itself casadi warns of it
+casadi.GlobalOptions.setNumpyMode(-1)
+
 time: Expr = casadi.SX.sym("t")
 initial_time: Expr = casadi.SX.sym("t0")
 final_time: Expr = casadi.SX.sym("tf")

@@ -361,6 +361,20 @@ def test_a_result_is_the_guess_of_its_neighbour(socp: Command) -> None:
     assert "Newton on the conditions of the guess's word" in said.out
 
 
+def test_results_of_other_numbers_are_other_files_and_are_told_apart(socp: Command) -> None:
+    method = ("-m", "lgr-multiphase", "-o", "word=r: + s s s +; f: + + b[u.upper] - -")
+    lengths = ("-o", "lengths=0.05 0.6 14 0.1 0.2", "--quiet")
+    said = socp("solve", "auv", *method, *lengths)
+    assert said.out.split()[-1] == "auv.socp.json"
+    more = socp("solve", "auv", "--set", "current=0.9", "--set", "start.x=41", *method, *lengths)
+    name = "auv.current_0.9.start.x_41"
+    assert f"{name}.socp.json" in more.out
+    assert Path("auv.socp.json").is_file()
+    drawn = socp("plot", "auv.socp.json", f"{name}.socp.json", "-o", "both.svg")
+    told = f"{name} is of other numbers: current = 0.9 in place of 0.8, start.x\n"
+    assert (drawn.code, told in drawn.err) == (0, True)
+
+
 # -- plugins
 
 

@@ -644,3 +644,8 @@ def test_a_chained_relation_is_never_read_as_one_half_of_it() -> None:
     # any problem exists
     with pytest.raises(RuntimeError, match="truth value"):
         _ = 0 <= x <= 1
+
+
+def test_functions_of_numpy_make_expressions_without_a_notice() -> None:
+    assert casadi.is_equal(np.sin(x), casadi.sin(x), 1)
+    assert casadi.is_equal(np.fmax(x, 0), casadi.fmax(x, 0), 1)

@@ -12,6 +12,7 @@ from ponds import POND
 
 from socp.errors import MethodError, ProblemError
 from socp.model import Progress, load
+from socp.registry import solve
 from socp.study import Kept, Sweep, points, sweep
 from socp.study.sweeping.plan import planned, tree
 
@@ -177,6 +178,13 @@ def test_a_failure_is_a_row() -> None:
     assert all("ProblemError" in row["message"] for row in empty)
     assert all(np.isnan(row["objective"]) and row["start"] == -1 for row in empty)
     assert found.certified == 1
+
+
+def test_a_row_tells_what_a_control_reaches_not_what_a_grid_claims() -> None:
+    found = sweep(POND, {"final_time": [2.0]}, method="euler-ipopt", steps=20)
+    made = solve(POND.with_(final_time=2), method="euler-ipopt", steps=20)
+    assert made.overclaimed
+    assert found.rows[0]["objective"] == made.told != made.objective
 
 
 def test_a_watch_ends_it_with_the_rows_so_far() -> None:

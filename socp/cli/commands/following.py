@@ -12,7 +12,7 @@ from rich.text import Text
 
 from socp.cli.commands.completing import problems
 from socp.cli.options import DEFAULT_METHOD
-from socp.cli.posing import load_posed, set_option, span_of, told_line, with_changes
+from socp.cli.posing import load_posed, named_after, set_option, span_of, told_line, with_changes
 from socp.cli.progress import progress
 from socp.cli.running import made, run_method
 from socp.cli.session import (
@@ -20,7 +20,6 @@ from socp.cli.session import (
     Session,
     heading,
     messages,
-    named_after,
     show,
     writable,
     write_json,
@@ -68,7 +67,7 @@ def follow(session: Session, /, **given: Any) -> int:
     name, span, others = span_of(given["changes"])
     posed = load_posed(given["problem"], others, registry)
     path = writable(
-        Path(given["out"]) if given["out"] else named_after(posed.name, ".follow.parquet")
+        Path(given["out"]) if given["out"] else named_after(posed.name, ".follow.parquet", others)
     )
     rows_to_parquet([{"value": 0.0}], {})  # what is lacking is said before the work, not after it
     first = with_changes(posed, (f"{name}={span[0]!r}",))

@@ -8,7 +8,7 @@ from typing import Any, final
 import click
 
 from socp.cli.commands.exporting import stem
-from socp.cli.opening import open_result, problem_missing
+from socp.cli.opening import open_result, opened_beside, problem_missing
 from socp.cli.session import Exit, Session, writable
 from socp.errors import MethodError
 
@@ -93,7 +93,7 @@ def plot(session: Session, /, **given: Any) -> int:
     solution, problem = open_result(session, first, asked.problem)
     if problem is None:
         session.note(f"no bounds and no scene: {problem_missing(solution)}")
-    beside = {stem(each): open_result(session, each, None)[0] for each in others}
+    beside = opened_beside(session, problem, {stem(each): each for each in others})
     figure = draw(
         solution,
         problem,

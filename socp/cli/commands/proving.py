@@ -12,9 +12,9 @@ import click
 
 from socp.cli.opening import open_result, problem_missing
 from socp.cli.options import DEFAULT_METHOD
-from socp.cli.posing import load_posed, set_option
+from socp.cli.posing import load_posed, named_after, set_option
 from socp.cli.running import made, run_method
-from socp.cli.session import Exit, Session, heading, named_after, show, writable, write_json
+from socp.cli.session import Exit, Session, heading, show, writable, write_json
 from socp.cli.show import ladder, table_lines
 from socp.errors import ProblemError, SolveError
 from socp.process import read_text, write_atomic
@@ -128,7 +128,7 @@ def _bounded(session: Session, asked: Asked) -> int:
     session.quiet = asked.quiet
     registry = session.registry()
     problem = load_posed(asked.problem, asked.changes, registry)
-    path = writable(asked.out or named_after(problem.name, ENDING))
+    path = writable(asked.out or named_after(problem.name, ENDING, asked.changes))
     solution = _known(session, registry, problem, asked.result)
     found = lower_bound(problem, solution, asked.seconds, asked.degree)
     gap = found.gap(solution)

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from socp.cli.commands.exporting import stem
-from socp.cli.opening import open_result, problem_missing
+from socp.cli.opening import open_result, opened_beside, problem_missing
 from socp.cli.session import Exit, Session, writable
 
 
@@ -33,7 +33,7 @@ def report(
     solution, own = open_result(session, first, problem)
     if own is None:
         session.note(f"no bounds and no formula: {problem_missing(solution)}")
-    beside = {stem(each): open_result(session, each, None)[0] for each in others}
+    beside = opened_beside(session, own, {stem(each): each for each in others})
     write_atomic(path, to_page(solution, own, beside).encode())
     session.tell(path)
     return Exit.SOLVED

@@ -12,7 +12,7 @@ from socp.cli.commands.recording import live_option, record_option, recording, r
 from socp.cli.keeping import Place, keep
 from socp.cli.options import DEFAULT_METHOD, pairs
 from socp.cli.outcome import code, require_option
-from socp.cli.posing import load_posed, set_option
+from socp.cli.posing import load_posed, named_after, set_option
 from socp.cli.progress import progress
 from socp.cli.running import made, run_method
 from socp.cli.session import (
@@ -20,7 +20,6 @@ from socp.cli.session import (
     Session,
     heading,
     messages,
-    named_after,
     show,
     writable,
     write_json,
@@ -104,7 +103,9 @@ class Asked:
     help="The same as -o seconds=S: the time that a search may take.",
 )
 @click.option("--guess", metavar="FILE", help="Start from a saved result.")
-@click.option("--out", metavar="FILE", help="Result file.  [default: PROBLEM.socp.json]")
+@click.option(
+    "--out", metavar="FILE", help="Result file.  [default: PROBLEM.socp.json, with what is set]"
+)
 @click.option(
     "--strict", is_flag=True, help="Exit code 1 unless the result is certified as an extremal."
 )
@@ -135,7 +136,9 @@ def solve(session: Session, /, **given: Any) -> int:
     method = made(registry, asked.method, [*asked.shortened(), *pairs(asked.options)])
     problem = load_posed(asked.problem, asked.changes, registry)
     guess = _guess(asked.guess, problem) if asked.guess else default_guess(problem)
-    path = writable(Path(asked.out) if asked.out else named_after(problem.name, ".socp.json"))
+    path = writable(
+        Path(asked.out) if asked.out else named_after(problem.name, ".socp.json", asked.changes)
+    )
     with (
         signals_held(),
         recording(session, registry, problem, asked.record, live=asked.live) as recorder,

@@ -12,14 +12,13 @@ from rich.text import Text
 
 from socp.cli.commands.completing import problems
 from socp.cli.keeping import Place, keep
-from socp.cli.posing import Named, load_posed, set_option, told, told_line
+from socp.cli.posing import Named, load_posed, named_after, set_option, told, told_line
 from socp.cli.progress import progress
 from socp.cli.session import (
     Exit,
     Session,
     heading,
     messages,
-    named_after,
     show,
     writable,
     write_json,
@@ -44,7 +43,7 @@ def _output_options(command: Callable[..., int]) -> Callable[..., int]:
         click.option(
             "--out",
             metavar="FILE",
-            help="Result file of the best one.  [default: PROBLEM.socp.json]",
+            help="Result file of the best one.  [default: PROBLEM.socp.json, with what is set]",
         ),
     ):
         command = option(command)
@@ -86,7 +85,11 @@ def census(session: Session, /, **given: Any) -> int:
     named = Named(given["problem"], given["changes"])
     posed = load_posed(named.given, named.changes, session.registry(plugins=False))
     check_controls(posed)
-    path = writable(Path(given["out"]) if given["out"] else named_after(posed.name, ".socp.json"))
+    path = writable(
+        Path(given["out"])
+        if given["out"]
+        else named_after(posed.name, ".socp.json", given["changes"])
+    )
     store = Store(path.parent / named_after(posed.name, ".census"), fingerprint(posed, recipe()))
     with (
         engine(given["dask"] or given["jobs"], given["jobs"]) as hands,
@@ -274,7 +277,11 @@ def frontier(session: Session, /, **given: Any) -> int:
     session.quiet = given["quiet"]
     posed = load_posed(given["problem"], given["changes"], session.registry(plugins=False))
     check_controls(posed)
-    path = writable(Path(given["out"]) if given["out"] else named_after(posed.name, ".socp.json"))
+    path = writable(
+        Path(given["out"])
+        if given["out"]
+        else named_after(posed.name, ".socp.json", given["changes"])
+    )
     most, dwell = given["most"], given["dwell"]
     with progress(messages(), f"{posed.name}, frontier", quiet=session.quiet) as watch:
         first = explore(posed, 0, watch)

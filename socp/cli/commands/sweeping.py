@@ -13,14 +13,13 @@ from rich.text import Text
 
 from socp.cli.commands.completing import problems
 from socp.cli.options import DEFAULT_METHOD
-from socp.cli.posing import Named, load_posed, ranges_of, told_line
+from socp.cli.posing import Named, load_posed, named_after, ranges_of, told_line
 from socp.cli.progress import progress
 from socp.cli.session import (
     Exit,
     Session,
     heading,
     messages,
-    named_after,
     show,
     writable,
     write_json,
@@ -85,7 +84,7 @@ def sweep(session: Session, /, **given: Any) -> int:
     named = Named(given["problem"], held)
     posed = load_posed(named.given, named.changes, session.registry())
     path = writable(
-        Path(given["out"]) if given["out"] else named_after(posed.name, ".sweep.parquet")
+        Path(given["out"]) if given["out"] else named_after(posed.name, ".sweep.parquet", held)
     )
     rows_to_parquet([{"value": 0.0}], {})  # what is lacking is said before the work, not after it
     kept = Kept(path.with_suffix(""), Path(given["keep"]) if given["keep"] else None)

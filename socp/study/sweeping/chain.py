@@ -202,7 +202,7 @@ def _row(found: _Here | None, start: int, message: str, seconds: float) -> dict[
     solution = found.solution
     return {
         "rung": rung_of(solution).value if solution.verdict else "",
-        "objective": _finite(solution.objective),
+        "objective": _finite(solution.told),
         "final_time": _finite(solution.final_time),
         "word": solution.word,
         "switches": [float(t) for t in solution.junctions],
