@@ -1,7 +1,8 @@
 """Build wheel and sdist, install the wheel alone in a fresh environment, and use it there.
 
-`python benchmarks/fresh.py` prints the size of the environment, and fails where the core does not
-solve, where what an extra brings is missing without a word, or where the sdist makes another wheel.
+`python benchmarks/fresh.py` prints the size of the environment, and fails where it is large, the
+core does not solve, what an extra brings is missing without a word, or the sdist makes another
+wheel.
 """
 
 import subprocess
@@ -12,7 +13,13 @@ import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-CORE = ("solve double_integrator_time --quiet", "check double_integrator_time.socp.json", "list")
+CORE = (
+    "solve double_integrator_time --quiet",
+    "check double_integrator_time.socp.json",
+    f"solve {ROOT / 'problems' / 'auv.py'} --strict --quiet",
+    "list",
+)
+LARGEST = 700e6  # bytes of an environment with the core alone
 # commands that need more than the core, and the extra that brings it
 MISSING = {
     "plot double_integrator_time.socp.json": "plot",
@@ -22,6 +29,8 @@ MISSING = {
     "export double_integrator_time --format nl": "mip",
     "solve double_integrator_time -m mboc -o solver=scip -o switches=1": "mip",
     "record double_integrator_time.socp.json": "record",
+    "prove double_integrator_time.socp.json": "prove",
+    "bound double_integrator_time.socp.json": "prove",
 }
 
 
@@ -61,9 +70,11 @@ def main() -> None:
             done(own / "socp", *each.split(), folder=folder)
         for each, extra in MISSING.items():
             found = called(own / "socp", *each.split(), folder=folder)
-            assert f"pip install 'socp[{extra}]'" in found.stderr, f"{each}: {found.stderr}"
-            assert "Traceback" not in found.stderr, each
+            said = found.stdout + found.stderr
+            assert f"pip install 'socp[{extra}]'" in said, f"{each}: {said}"
+            assert "Traceback" not in said, each
         size = sum(each.stat().st_size for each in (folder / "env").rglob("*") if each.is_file())
+        assert size < LARGEST, f"{size / 1e6:.0f} MB"
         print(f"{wheel.name}: works alone, in an environment of {size / 1e6:.0f} MB")
 
 

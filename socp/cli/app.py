@@ -17,7 +17,7 @@ from socp.cli.machine import lacking, roomy
 from socp.cli.session import Exit, Session, messages
 from socp.cli.streams import Streams, kept_apart, parsing, parted
 from socp.errors import ContractError, KeepingError, MethodError, ProblemError, SocpError
-from socp.process import heard, listening, said, signals_held
+from socp.process import close, heard, listening, said, signals_held
 
 EPILOG = """\b
 Exit codes:
@@ -82,9 +82,15 @@ class Commands(click.Group):
         """Return the names."""
         return sorted(_COMMANDS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """Return a command by its name."""
-        return _command(cmd_name) if cmd_name in _COMMANDS else None
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return a command by its name; UsageError names the nearest where there is none."""
+        if cmd_name in _COMMANDS:
+            return _command(cmd_name)
+        solve = f"; to solve a problem: socp solve {shlex.quote(cmd_name)}"
+        near = solve if cmd_name.endswith(".py") else close(cmd_name, _COMMANDS)
+        if near and not ctx.resilient_parsing:
+            ctx.fail(f"No such command '{cmd_name}'{near}")
+        return None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write what the help says of the commands."""

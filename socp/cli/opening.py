@@ -3,6 +3,8 @@ another.
 """
 
 from collections.abc import Mapping
+from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 from socp.cli.session import Session
@@ -27,10 +29,10 @@ def open_result(
     is None where there is none of them. SolveError says what is wrong with the file, or that it is
     not a result of its problem.
     """
-    from socp.model import carried_problem, load, quotation
+    from socp.model import carried_problem, quotation
 
-    solution = load(path)
     registry = registry or session.registry()
+    solution = _loaded(path, registry)
     try:
         own = carried_problem(solution)
     except ProblemError as error:
@@ -58,6 +60,19 @@ def open_result(
         f"{path} carries no statement of its problem: the registered '{solution.problem}' is used"
     )
     return _agreeing(path, solution, registered), registered
+
+
+def _loaded(path: str, registry: "Registry") -> "Solution":
+    """Return a saved result; SolveError says so where a problem stands in its place."""
+    from socp.model import load
+
+    try:
+        return load(path)
+    except SolveError as error:
+        if path not in registry.entries and Path(path).suffix != ".py":
+            raise
+        told = f"this is a problem, and the command takes its result: socp solve {quote(path)}"
+        raise SolveError(f"{path}: {told} writes one") from error
 
 
 def problem_missing(solution: "Solution") -> str:

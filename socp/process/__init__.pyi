@@ -13,7 +13,6 @@ from .interruption import requesting as requesting
 from .interruption import signals_held as signals_held
 from .output import flush_library as flush_library
 from .output import flush_own as flush_own
-from .output import output_discarded as output_discarded
 from .output import restore as restore
 from .text import a as a
 from .text import close as close

@@ -1,56 +1,13 @@
-"""Solvers kept off the caller's output: some print to descriptor 1 whatever their options say."""
+"""Descriptor 1, to which solvers and the C library print past Python: flushed, and brought back."""
 
 import contextlib
 import ctypes
 import os
 import sys
-import threading
-from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
 _OUT = 1  # the descriptor of standard output
-_LOCK = threading.Lock()
-_INSIDE: list[
-    int | None
-] = []  # for every body under way: the first holds the descriptor kept, None for a closed one
-
-
-@contextlib.contextmanager
-def output_discarded() -> Iterator[None]:
-    """Discard what the body prints to descriptor 1; what Python's `sys.stdout` holds is not lost.
-
-    A descriptor belongs to the whole process: of several threads the first one in turns it away and
-    the last one out brings it back. A descriptor 1 that is closed is closed again afterwards.
-    """
-    with _LOCK:
-        _INSIDE.append(_turned() if not _INSIDE else None)
-    try:
-        yield
-    finally:
-        with _LOCK:
-            kept = _INSIDE.pop() if len(_INSIDE) == 1 else _INSIDE.pop(1)
-            if not _INSIDE:
-                restore(kept)
-
-
-def _turned() -> int | None:
-    """Turn descriptor 1 to the null device; returns a copy of what it was, None where it was
-    closed.
-    """
-    flush_own()
-    flush_library()
-    try:
-        kept = os.dup(_OUT)
-    except OSError:
-        kept = None
-    null = os.open(os.devnull, os.O_WRONLY)
-    if (
-        null != _OUT
-    ):  # the lowest that is free: where 1 was closed, and 0 is open, it is there already
-        os.dup2(null, _OUT)
-        os.close(null)
-    return kept
 
 
 def restore(kept: int | None) -> None:

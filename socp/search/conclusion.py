@@ -37,10 +37,6 @@ _WORDS = 20  # words tried there
 # finer one
 _FAR = 0.05
 _STEPS = 800, 400  # of finer grids, after 20 to 200 intervals of the first solves
-_MORE = 4  # times the seconds that were not enough: what is advised next
-_NEXT = (  # what reads words in another way than this search does
-    "other words: -m mboc searches all of few switches, -m lgr-multiphase -o word='...' tries one"
-)
 _JUDGED = 2.0  # times what the solution before it took: solving and judging another one
 # Seconds, where the time is over: what is returned is known by the motion of its own control, which
 # is stiff where that takes longer
@@ -193,21 +189,20 @@ def pursue(
 
 
 def explanation(problem: Problem, search: Search) -> str:
-    """Say in a sentence or two what a search without a certified word has left open."""
+    """Say in a clause or two what a search without a certified word has left open."""
     cut = [each for each in search.nodes if each.stop == Stop.LIMIT.name]
     tried = f"no word of the {search.count - len(cut)} tried is certified"
     if cut:
         tried += f", {len({each.word for each in cut})} more cut off before they converged"
     if search.late:
-        more = f": -o seconds={_MORE * search.seconds:g} allows more" if search.seconds else ""
-        tried += f", and the time allowed is over{more}"
+        tried += ", and the time allowed is over"
     elif search.spent:
         tried += ", and the work allowed for the search is done"
     if len(search.grids) > 1:
-        tried += f"; grids of up to {max(search.grids)} steps"
+        tried += f", on grids of up to {max(search.grids)} steps"
     best = search.best
     if best is None or best.verdict is None:
-        return f"{tried}; {_NEXT}"
+        return tried
     names = chattering(problem, best)
     if names:
         return (
@@ -215,10 +210,8 @@ def explanation(problem: Problem, search: Search) -> str:
             "singular arc of even order inside its box, so the switches pile up where they meet; "
             "this word stands for infinitely many"
         )
-    return (
-        f"{tried}; the best one leaves: "
-        f"{best.verdict.reasons[0] if best.verdict.reasons else 'nothing'}; {_NEXT}"
-    )
+    reasons = best.verdict.reasons
+    return f"{tried}; the best one leaves: {reasons[0] if reasons else 'nothing'}"
 
 
 def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -> Solution | None:

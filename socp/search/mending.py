@@ -12,7 +12,7 @@ from socp.laws import arc_modes, control_modes
 from socp.model import EXTREMAL, OUTSIDE, SHORTEST, Arc, Mode, Place, Problem, Solution
 from socp.search.candidate import Candidate, held, insert, merged, without_short_arcs
 from socp.search.indifference import with_bangs_for
-from socp.verdict import constraint_values, misfit
+from socp.verdict import constraint_values, misfit, nearness
 
 # -- mending
 
@@ -31,6 +31,7 @@ def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Ca
     yield from _violated(problem, now)
     if solution.verdict is None:
         return
+    yield from _opened(problem, now)
     for finding in sorted(solution.verdict.findings, key=lambda f: -f.residual):
         name, wants, t = finding.control, finding.wants, finding.t
         if name is None or wants is None or t is None or finding.holds:
@@ -132,6 +133,21 @@ def _violated(problem: Problem, now: Candidate) -> Iterator[Candidate]:
     for i in range(len(problem.control_names)):
         if constraint in laws.controlled_constraints(problem, i):
             yield insert(now, i, Mode("boundary", constraint.name), worst)
+
+
+def _opened(problem: Problem, now: Candidate) -> Iterator[Candidate]:
+    """Yield arcs along state constraints that are met where two arcs join of which neither follows
+    them: where the principle fails a contact may open into an arc.
+    """
+    t = np.array(now.edges[1:-1])
+    x = now.source.at(t)
+    for c, near in zip(problem.constraints, nearness(now.source, problem), strict=True):
+        met = np.flatnonzero(constraint_values(problem, now.source, c, t, x) >= -near)
+        mode = Mode("boundary", c.name)
+        for i in range(len(problem.control_names)):
+            if c in laws.controlled_constraints(problem, i):
+                apart = (k for k in met if mode not in {now.arcs[k][i], now.arcs[k + 1][i]})
+                yield from (insert(now, i, mode, float(t[k])) for k in apart)
 
 
 def starts(first: Candidate) -> Iterator[Candidate]:

@@ -7,7 +7,6 @@ rounded)| (Sager, Jung, Kirches, Mathematical Methods of Operations Research 73,
 doi:10.1007/s00186-011-0355-4).
 """
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, final
@@ -17,7 +16,6 @@ import numpy as np
 from socp.errors import SolveError
 from socp.laws import law_values
 from socp.model import TINY, Modes, Problem, Solution, parameters_of
-from socp.process import output_discarded
 from socp.search.candidate import Candidate, merged
 from socp.verdict import constraint_values
 
@@ -83,41 +81,51 @@ def round_cells(given: Cells, switches: int, dwell: float = 0.0, price: float = 
     shares of their boxes times the horizon. Arcs between two switches last `dwell` of the horizon
     at least. Raises SolveError where no choice satisfies that.
     """
-    import cvxpy
+    from scipy.optimize import Bounds, LinearConstraint, milp
+    from scipy.sparse import block_array, csr_array, diags_array, eye_array, kron
 
-    count, k = given.allowed.shape
-    w = cvxpy.Variable((count, k), boolean=True)
-    changes, worst = cvxpy.Variable(k - 1, nonneg=True), cvxpy.Variable(nonneg=True)
-    made = [
-        cvxpy.sum(cvxpy.multiply(given.offered[:, i], w), axis=0)
-        for i in range(given.relaxed.shape[0])
-    ]
-    difference = [row - each for row, each in zip(given.relaxed, made, strict=True)]
-    constraints: list[Any] = [
-        cvxpy.sum(w, axis=0) == 1,
-        w <= given.allowed.astype(float),
-        *(
-            cvxpy.abs(cvxpy.cumsum(cvxpy.multiply(given.lengths, each))) <= worst
-            for each in difference
+    (nu, k), count = given.relaxed.shape, given.allowed.shape[0]
+    # unknowns: is this the mode (count, k); deviations up to the end of a cell (nu, k); changes
+    # (k - 1,); the worst deviation; and a one, beside which the relative gap is one of deviations
+    sizes = (count * k, nu * k, k - 1, 1, 1)
+    mode, off, change, worst, one = np.split(np.arange(sum(sizes)), np.cumsum(sizes)[:-1])
+    of = eye_array(sum(sizes), format="csr")
+    step = csr_array(np.diff(np.eye(k), axis=0, prepend=0.0))  # of a value over a cell
+    made = [[diags_array(given.lengths * each[i]) for each in given.offered] for i in range(nu)]
+    least = np.zeros(sum(sizes))
+    most = np.full(sum(sizes), np.inf)
+    least[off], least[one], most[one] = -np.inf, 1.0, 1.0
+    most[mode] = given.allowed.astype(float).ravel()
+    cost = np.zeros(sum(sizes))
+    cost[worst], cost[change], cost[one] = 1.0, price, 1.0
+    misfit = np.where(given.allowed, given.misfit, 0.0) * given.lengths
+    cost[mode] = _POINTWISE * misfit.ravel()
+    relaxed = (given.lengths * given.relaxed).ravel()
+    constraints = [
+        LinearConstraint(kron(np.ones((1, count)), eye_array(k)) @ of[mode], 1.0, 1.0),
+        LinearConstraint(
+            kron(eye_array(nu), step) @ of[off] + block_array(made) @ of[mode], relaxed, relaxed
         ),
-        *(w[m, 1:] - w[m, :-1] <= changes for m in range(count)),
-        cvxpy.sum(changes) <= switches,
-        *_dwelling(w, given.edges, dwell),
+        LinearConstraint(of[off] - of[worst.repeat(nu * k)], ub=0.0),
+        LinearConstraint(of[off] + of[worst.repeat(nu * k)], lb=0.0),
+        LinearConstraint(
+            kron(eye_array(count), step[1:]) @ of[mode] - of[np.tile(change, count)], ub=0.0
+        ),
+        LinearConstraint(of[change].sum(axis=0), ub=switches),
+        LinearConstraint(kron(eye_array(count), _dwelling(given.edges, dwell)) @ of[mode], ub=0.0),
     ]
-    cost = np.where(given.allowed, given.misfit, 0.0) * given.lengths
-    objective = worst + _POINTWISE * cvxpy.sum(cvxpy.multiply(cost, w)) + price * cvxpy.sum(changes)
-    programme = cvxpy.Problem(cvxpy.Minimize(objective), constraints)
-    try:
-        with warnings.catch_warnings(), output_discarded():
-            warnings.simplefilter("ignore")  # a tree that ended early is a seed all the same
-            programme.solve(solver=cvxpy.HIGHS, mip_abs_gap=_GAP, mip_max_nodes=_NODES)
-    except cvxpy.error.SolverError as error:
-        raise SolveError(f"rounding: HiGHS failed: {error}") from error
-    if w.value is None:
+    found = milp(
+        cost,
+        integrality=np.isin(np.arange(sum(sizes)), mode),
+        bounds=Bounds(least, most),
+        constraints=constraints,
+        options={"mip_rel_gap": _GAP, "node_limit": _NODES},
+    )
+    if found.x is None:
         raise SolveError(
-            f"rounding: no choice of modes has at most {switches} switches ({programme.status})"
+            f"rounding: no choice of modes has at most {switches} switches ({found.message})"
         )
-    chosen = np.argmax(w.value, axis=0)
+    chosen = np.argmax(found.x[mode].reshape(count, k), axis=0)
     return Rounded(chosen, deviation(given, chosen))
 
 
@@ -131,15 +139,18 @@ def deviation(given: Cells, chosen: np.ndarray) -> float:
     )
 
 
-def _dwelling(w: Any, edges: np.ndarray, dwell: float) -> list[Any]:
-    """Return the constraints that keep a mode for a while once it has been entered."""
-    shortest, k = dwell * (edges[-1] - edges[0]), w.shape[1]
-    found = []
-    for cell in range(1, k):
-        last = int(np.searchsorted(edges, edges[cell] + shortest * (1.0 - 1e-9)))
-        if last < edges.size:  # the last arc may be cut off by the end
-            found += [w[:, cell] - w[:, cell - 1] <= w[:, later] for later in range(cell + 1, last)]
-    return found
+def _dwelling(edges: np.ndarray, dwell: float) -> Any:
+    """Return the matrix (n, k) whose products with a mode's cells are at most zero where it is kept
+    for a while once it has been entered.
+    """
+    from scipy.sparse import eye_array
+
+    shortest, k = dwell * (edges[-1] - edges[0]), edges.size - 1
+    last = np.searchsorted(edges, edges[:-1] + shortest * (1.0 - 1e-9)).clip(max=k)  # cut off there
+    pairs = [(cell, later) for cell in range(1, k) for later in range(cell + 1, last[cell])]
+    entered, later = np.array(pairs, dtype=int).reshape(-1, 2).T
+    of = eye_array(k, format="csr")
+    return of[entered] - of[entered - 1] - of[later]
 
 
 # -- of a solution

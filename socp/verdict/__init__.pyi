@@ -19,4 +19,5 @@ from .sensitivity import sensitivity_view as sensitivity_view
 from .simulation.flight import simulated as simulated
 from .structure import constraint_values as constraint_values
 from .structure import misfit as misfit
+from .structure import nearness as nearness
 from .structure import structure_of as structure_of

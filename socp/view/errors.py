@@ -9,7 +9,9 @@ def small(value: float) -> str:
 
 
 def signed_error(value: float) -> str:
-    """Return an error with its sign in two digits."""
+    """Return an error with its sign in two digits, a dash for one that is not known."""
+    if math.isnan(value):
+        return "-"
     return "0" if value == 0 else f"{value:+.1e}"
 
 

@@ -279,7 +279,8 @@ def _modes(row: Iterable[tuple[str, float, float]]) -> str:
 
 def _stop(solution: "Solution") -> Row:
     stop = _line(solution.stop.value, Tone.GOOD if solution.stop.ok else Tone.BAD)
-    return Row("stop", (stop, _line(solution.message)) if solution.message else (stop,))
+    said = filter(None, solution.message.split("; "))
+    return Row("stop", (stop, *map(_line, said)))
 
 
 def _reintegrated(feasibility: "Feasibility") -> Line:

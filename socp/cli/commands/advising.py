@@ -52,7 +52,14 @@ def _why(solution: "Solution") -> str:
         return f"{', '.join(verdict.chattering)}: chattering, which no finite word ends"
     if not solution.stop.ok:
         return f"{solution.stop.value}; {(*verdict.reasons, *verdict.notes)[0]}"
-    return (*verdict.reasons, *verdict.notes)[0]
+    spent = f"the {solution.options['seconds']:g} s allowed are over; " if _spent(solution) else ""
+    return spent + (*verdict.reasons, *verdict.notes)[0]
+
+
+def _spent(solution: "Solution") -> bool:
+    """Tell whether a search has been ended by its time."""
+    took = sum(solution.seconds.values())
+    return solution.method == DEFAULT_METHOD and took >= _SPENT * solution.options["seconds"]
 
 
 def _timed(solution: "Solution") -> bool:
@@ -69,7 +76,7 @@ def _next(solution: "Solution", result: str) -> list[str]:
         return ["--guess", result] if feasible else []
     if feasible and verdict and verdict.chattering and given["max_switches"]:
         return ["--max-switches", str(_SWITCHES * given["max_switches"])]
-    if sum(solution.seconds.values()) >= _SPENT * given["seconds"]:
+    if _spent(solution):
         # along a word the search goes on where it ended
         on = ["--guess", result] if solution.lawful and feasible else []
         return [*on, "--seconds", f"{_MORE * given['seconds']:g}"]

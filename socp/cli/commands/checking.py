@@ -7,7 +7,7 @@ from socp.cli.opening import open_result, problem_missing
 from socp.cli.outcome import require_option, required_rung
 from socp.cli.session import Exit, Session, heading, show, write_json
 from socp.cli.show import plain, table_lines
-from socp.errors import ProblemError
+from socp.errors import ProblemError, SolveError
 from socp.view import Outcome, detailed_rows, outcome_of
 
 
@@ -30,12 +30,15 @@ def check(
     cannot be read. The certificate of a lower bound, as `socp bound` writes it, is checked instead:
     exit code 0 if it proves its bound.
     """
-    certificate = certificate_in(result)
-    if certificate is not None:
-        return check_certificate(session, result, certificate, problem, as_json)
     from socp.verdict import judge, with_second_order
 
-    solution, found = open_result(session, result, problem)
+    try:
+        solution, found = open_result(session, result, problem)
+    except SolveError:
+        certificate = certificate_in(result)
+        if certificate is None:
+            raise
+        return check_certificate(session, result, certificate, problem, as_json)
     if found is None:
         raise ProblemError(f"{result}: {problem_missing(solution)}")
     solution = with_second_order(found, judge(found, solution))

@@ -10,7 +10,7 @@ from typing import Any, final
 import numpy as np
 from scipy import sparse
 
-from socp.errors import SolveError
+from socp.errors import SolveError, load
 from socp.proof.bound.lifting import Polynomial, fraction
 from socp.proof.bound.sets import Region
 
@@ -207,7 +207,7 @@ def solved(
 
     `left` returns the seconds that are left. Raises SolveError where the solver finds none.
     """
-    import cvxpy
+    cvxpy = load("cvxpy", "prove", "a lower bound")
 
     v = cvxpy.Variable(len(objective))
     conditions, grams = [], []
