@@ -8,10 +8,21 @@ from typing import Any, final
 import casadi
 import numpy as np
 
-from socp.model import Expr, Problem, Scene, Solution, column, evaluate, parameters_of, time
+from socp.model import (
+    Expr,
+    Problem,
+    Scene,
+    Solution,
+    column,
+    evaluate,
+    numbers,
+    parameters_of,
+    time,
+)
 
 _ARROWS = 90  # of a current, about
 _FLAT = 2.5  # pictures wider than this times their height go across a page
+_TRIED = 8  # points at which formulas are compared
 _MARGIN = 0.06  # of the picture's size, left free around the path
 
 
@@ -34,7 +45,8 @@ class Picture:
     `flow`: points (2, k) and the current there (2, k), None where there is none, at the initial
     time where it depends on time; `target`: (cx, cy, radius) or None; `labels`: the names of the
     axes; `spatial`: whether one unit is as long on both axes, as it is in a scene of the problem's
-    own, and in a phase plane of two states of one unit; `others`: paths (2, k) beside this one.
+    own, and in a phase plane of two states of one unit, or that an angle turns; `others`: paths
+    (2, k) beside this one.
     """
 
     t: np.ndarray
@@ -105,7 +117,7 @@ def picture_of(problem: Problem, solution: Solution, t: Any = None) -> Picture:
         flow=None,
         target=scene.target,
         labels=(labels[0], labels[1]),
-        spatial=problem.scene is not None or _alike(problem, scene),
+        spatial=problem.scene is not None or _alike(problem, scene) or _turned(problem),
     )
     if scene.flow is None:
         return found
@@ -116,6 +128,33 @@ def _alike(problem: Problem, scene: Scene) -> bool:
     """Tell whether both axes of a plane have one and the same unit."""
     first, second = (problem.unit(str(each)) for each in scene.plane)
     return bool(first) and first == second
+
+
+def _turned(problem: Problem) -> bool:
+    """Tell whether an angle turns the rates of the first two states, or the rates of these, as it
+    does where both are lengths in one plane.
+
+    With X = a cos q + c and Y = a sin q + d the derivatives by q are X'' = -Y' and Y'' = X', with
+    sine and cosine exchanged X'' = Y' and Y'' = -X'. They are compared at points drawn at random,
+    the same ones every time.
+    """
+    x = problem.x
+    given = [x, problem.u, problem.p, time]
+    random = np.random.default_rng(1)
+    at = [random.uniform(0.1, 1.0, (each.numel(), _TRIED)) for each in given]
+    rates = problem.rate[:2]
+    for pair in (rates, casadi.jtimes(rates, x, problem.rate)):
+        for angle in casadi.vertsplit(x)[2:]:
+            slope = casadi.jacobian(pair, angle)
+            both = casadi.densify(casadi.vertcat(slope, casadi.jacobian(slope, angle)))
+            found = numbers(casadi.Function("turned", given, [both]), *at)[0]
+            x1, y1, x2, y2 = found[:, np.isfinite(found).all(axis=0)]
+            if not (x1.size and x1.all() and y1.all()):
+                continue
+            near = 1e-9 * np.hypot(x1, y1)
+            if any((np.hypot(x2 + s * y1, y2 - s * x1) <= near).all() for s in (1.0, -1.0)):
+                return True
+    return False
 
 
 def box_around(points: np.ndarray, *, spatial: bool) -> np.ndarray:

@@ -85,6 +85,25 @@ def test_what_was_found_decides_what_is_next(
     assert taken["problem"] == "rest.py"
 
 
+@pytest.mark.parametrize(
+    ("switches", "seconds", "following"),
+    [
+        ("3", 5.0, "-m mboc -o switches=6"),
+        ("0", 5.0, "-m mboc -o switches=2"),
+        ("3", 58.0, "-m mboc -o switches=3 -o time=240"),
+        ("auto", 5.0, "-m mboc -o time=240"),
+    ],
+)
+def test_after_a_search_over_words_comes_a_wider_one_and_never_a_circle(
+    rough: Solution, switches: str, seconds: float, following: str
+) -> None:
+    options = {"switches": switches, "time": 60.0}
+    by_words = revised(by_auto(rough, Verdict(miss=1e-9), seconds), method="mboc", options=options)
+    told = advice(by_words, ["rest.py"], "rest.socp.json")
+    assert told[2] == f"next: socp solve rest.py {following}"
+    assert solve.make_context("solve", [*shlex.split(following), "rest.py"])
+
+
 def test_an_end_that_cannot_be_reached_in_time_is_tried_at_a_free_time(rough: Solution) -> None:
     lost = revised(by_auto(rough, Verdict(miss=0.5, miss_at="x")), stop=Stop.INFEASIBLE)
     told = advice(lost, ["rest.py", "--set", "final_time=1", "--set", "k=2"], "rest.socp.json")

@@ -1,7 +1,10 @@
 """Scenes: what they show along a solution is what the problem's own expressions say."""
 
+from typing import Any
+
 import numpy as np
 import pytest
+from casadi import cos, sin, tanh
 from records import revised
 
 from socp.methods.guess import default_guess
@@ -10,7 +13,7 @@ from socp.model.symbols import controls, final_time, states
 from socp.registry.plugins import Registry
 from socp.view.picture import picture_of
 
-x, y, z = states("x y z")
+x, y, z, w, a = states("x y z w a")
 v = controls("v")
 
 
@@ -67,3 +70,39 @@ def test_without_one_the_phase_plane_of_the_first_states_is_shown(
     assert seen.labels == (("x (m)", "y") if len(dynamics) > 1 else ("t", "x (m)"))
     assert not seen.spatial
     assert (np.diff(seen.box, axis=1) > 0).all()
+
+
+def planar(dynamics: dict[Any, Any]) -> Problem:
+    return Problem(
+        name="planar",
+        minimise=final_time,
+        dynamics=dynamics,
+        bounds={v: (-1, 1)},
+        start=dict.fromkeys(dynamics, 0),
+        end={next(iter(dynamics)): 1},
+    )
+
+
+@pytest.mark.parametrize(
+    ("rates", "equal"),
+    [
+        ((cos(a), sin(a)), True),
+        ((z * sin(a) + tanh(y), z * cos(a) - 1), True),  # from north, through a current
+        ((2 * z * cos(a), z * sin(a)), False),
+        ((cos(a), a), False),
+        ((a, z), False),
+    ],
+    ids=str,
+)
+def test_a_plane_that_an_angle_turns_has_equal_scales(
+    rates: tuple[Any, Any], *, equal: bool
+) -> None:
+    problem = planar({x: rates[0], y: rates[1], a: v, z: -z})
+    assert picture_of(problem, default_guess(problem)).spatial is equal
+
+
+def test_a_plane_whose_speeds_an_angle_turns_has_equal_scales() -> None:
+    flown = {x: z, y: w, z: -2 * sin(a), w: 2 * cos(a) - 1, a: v}
+    problem, other = planar(flown), planar({a: v, **flown})
+    assert picture_of(problem, default_guess(problem)).spatial
+    assert not picture_of(other, default_guess(other)).spatial

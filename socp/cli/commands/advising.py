@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 # Of the seconds allowed: a search that took as much has been ended by them
 _SPENT = 0.75
 _MORE = 4  # times what was not enough, of seconds and of steps: less is seldom felt
+_WORDS = "mboc"  # the method that tries every word of few switches
 _UNTIMED = ["--set", "final_time=free"]  # tells whether the end can be reached at all
 _SWITCHES = 2  # times those that were allowed: where a control chatters each of them costs as much
 
@@ -73,7 +74,8 @@ def _next(solution: "Solution", result: str) -> list[str]:
     verdict, given = solution.verdict, solution.options
     feasible = verdict is not None and verdict.feasible
     if solution.method != DEFAULT_METHOD:
-        return ["--guess", result] if feasible else []
+        on = ["--guess", result] if feasible else []
+        return _wider(solution) if solution.method == _WORDS else on
     if feasible and verdict and verdict.chattering and given["max_switches"]:
         return ["--max-switches", str(_SWITCHES * given["max_switches"])]
     if _spent(solution):
@@ -84,4 +86,17 @@ def _next(solution: "Solution", result: str) -> list[str]:
         return _UNTIMED
     if not feasible:
         return ["-o", f"steps={_MORE * given['steps']}"]
-    return ["-m", "mboc", "-o", f"switches={len(solution.switches) + 1}"]
+    return ["-m", _WORDS, "-o", f"switches={len(solution.switches) + 1}"]
+
+
+def _wider(solution: "Solution") -> list[str]:
+    """Return the options of a wider search over words: back to the default method would lead in a
+    circle.
+    """
+    most, seconds = solution.options["switches"], solution.options["time"]
+    spent = sum(solution.seconds.values()) >= _SPENT * seconds
+    more = ["-o", f"time={_MORE * seconds:g}"]
+    if most == "auto":
+        return ["-m", _WORDS, *more]
+    wider = f"switches={most if spent else _SWITCHES * max(int(most), 1)}"
+    return ["-m", _WORDS, "-o", wider, *(more if spent else [])]
