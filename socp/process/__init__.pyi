@@ -1,3 +1,5 @@
+from .apart import end_with as end_with
+from .apart import ended_after as ended_after
 from .deadline import in_time as in_time
 from .deadline import overtime as overtime
 from .deadline import seconds_left as seconds_left

@@ -15,4 +15,3 @@ from .process import Outcome as Outcome
 from .pyomo_model import pyomo_programme as pyomo_programme
 from .pyomo_model import write_nl as write_nl
 from .scip import Scip as Scip
-from .worker import end_with as end_with

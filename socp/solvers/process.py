@@ -7,7 +7,6 @@ import json
 import math
 import os
 import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -20,8 +19,9 @@ import casadi
 import numpy as np
 
 from socp.model import Progress, Stop, Watch
+from socp.process import ended_after
 from socp.solvers.contract import NLP, NLPPoint
-from socp.solvers.worker import TOLD, environment
+from socp.solvers.worker import TOLD
 
 LACKING = "; no feasible point"
 GRACE = 1.0  # seconds after its limit that a solver has to end by itself
@@ -194,7 +194,11 @@ def _attended(run: tuple[str, Path], reports: _Reports, watch: Watch, deadline: 
     # -P: a file such as signal.py or json.py in the current folder is none of Python's
     (module, folder), count = run, 0
     command = [sys.executable, "-P", "-m", "socp.solvers.worker", module, str(folder)]
-    with (folder / "log.txt").open("wb") as log, _process(command, log, folder) as process:
+    # in its folder: solvers read files such as `bonmin.opt` where they run, unasked
+    with (
+        (folder / "log.txt").open("wb") as log,
+        ended_after(command, folder, stdout=log, stderr=log) as process,
+    ):
         lines = _lines(folder / TOLD)
         while True:
             code = process.poll()  # before reading: what it said at its end is then read too
@@ -220,30 +224,6 @@ def _progress(reports: _Reports, count: int) -> Progress:
         reports.best.violation,
         best=reports.best.point.objective,
     )
-
-
-@contextlib.contextmanager
-def _process(command: list[str], log: Any, folder: Path) -> Iterator["subprocess.Popen[bytes]"]:
-    """Start a process in a group of its own, which is ended with the body.
-
-    It runs in the folder of its job: solvers read files such as `bonmin.opt` where they run,
-    unasked.
-    """
-    process = subprocess.Popen(  # noqa: S603 - this Python with a module of this package
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=log,
-        stderr=log,
-        start_new_session=True,
-        cwd=folder,
-        env=environment(),
-    )
-    try:
-        yield process
-    finally:
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
 
 
 def _lines(path: Path) -> Iterator[str]:

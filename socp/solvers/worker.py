@@ -6,20 +6,18 @@ time.
 lost when the process is ended.
 """
 
-import ctypes
 import importlib
 import json
-import os
 import resource
-import signal
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from socp.process import end_with
+
 TOLD = "told.jsonl"
 Tell = Callable[[Mapping[str, Any]], None]
-_PARENT_ENDS = 1  # PR_SET_PDEATHSIG
 
 
 def main(module: str, folder: str) -> None:
@@ -40,25 +38,6 @@ def main(module: str, folder: str) -> None:
             importlib.import_module(module).work({**job, "folder": folder}, tell)
         except Exception as error:  # noqa: BLE001 - the parent is told of it, whatever it is
             tell({"error": f"{type(error).__name__}: {error}".strip().splitlines()[-1][:300]})
-
-
-def environment() -> dict[str, str]:
-    """Return the environment for such a process in any folder: with Python's search path as it is
-    from here.
-    """
-    places = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
-    absolute = os.pathsep.join(str(Path(place).absolute()) for place in places)
-    return {**os.environ, **({"PYTHONPATH": absolute} if absolute else {})}
-
-
-def end_with(parent: int) -> None:
-    """Have this process ended with its parent, however that ends; elsewhere than on Linux others
-    have to see to it.
-    """
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PARENT_ENDS, signal.SIGKILL)
-    if os.getppid() != parent:  # it has ended already
-        sys.exit()
 
 
 if __name__ == "__main__":

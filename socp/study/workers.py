@@ -22,7 +22,7 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from socp.model import Progress
-from socp.solvers import end_with
+from socp.process import end_with
 
 J = TypeVar("J")
 T = TypeVar("T")

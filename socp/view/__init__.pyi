@@ -12,6 +12,7 @@ from .figures.draw import check as check
 from .figures.draw import draw as draw
 from .figures.draw import to_bytes as to_bytes
 from .figures.maps import draw_sweep as draw_sweep
+from .ladder import gap_bar as gap_bar
 from .ladder import top_text as top_text
 from .maps import sweep_to_xarray as sweep_to_xarray
 from .notebook import html as html

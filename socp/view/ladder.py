@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:  # `socp --help` loads the report, and casadi is not worth it there
     from socp.model import Curvature, Descent, SecondOrder, Solution, Starts, Step
 
+_BAR = 40  # characters of a bar
+_PARTS = " \u258f\u258e\u258d\u258c\u258b\u258a\u2589"  # eighths of a character
 _TOLD = 4  # coarse local solutions told, the best first
 
 
@@ -58,6 +60,26 @@ def top_text(solution: "Solution") -> str:
     from socp.model import top_steps
 
     return "; ".join(map(_rung, top_steps(solution)))
+
+
+def proof_lines(solution: "Solution") -> Iterator[str]:
+    """Yield what is proved of a solution, a line each, and a bar of what a bound leaves open."""
+    from socp.model import Rung
+
+    for proof in solution.proofs:
+        yield proof.statement
+        if proof.rung is Rung.GLOBAL:
+            yield gap_bar(solution.objective, proof.margin)
+
+
+def gap_bar(objective: float, gap: float) -> str:
+    """Return a bar from a lower bound to an objective, as full as the gap between them leaves it,
+    relative to the objective; it is full where nothing is open.
+    """
+    eighths = int(max(1.0 - gap, 0.0) * 8 * _BAR)
+    bar = "\u2588" * (eighths // 8) + _PARTS[eighths % 8]
+    low = objective - gap * abs(objective)
+    return f"{low:.10g} |{bar:{_BAR}.{_BAR}}| {objective:.10g}"
 
 
 def _rung(step: "Step") -> str:

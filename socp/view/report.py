@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, final
 
 from socp.model import APPROXIMATE, EXTREMAL, FEASIBLE
 from socp.view.errors import small, switch_error
-from socp.view.ladder import minimum_line, order_lines, rung_texts, starts_lines, top_text
+from socp.view.ladder import (
+    minimum_line,
+    order_lines,
+    proof_lines,
+    rung_texts,
+    starts_lines,
+    top_text,
+)
 from socp.view.outcomes import Outcome, infeasible, outcome_of
 from socp.view.reference import reference_lines
 
@@ -69,6 +76,7 @@ def solution_rows(
     rows.append(Row("feasibility", tuple(_reintegrated(each) for each in solution.verified)))
     if solution.verdict is not None:
         rows.append(Row("verdict", tuple(_judged(solution.verdict, _TOLD))))
+    rows.append(_row("proved", proof_lines(solution)))
     if problem is not None and not infeasible(solution):
         rows.append(_row("reference", reference_lines(problem, solution)))
     rows.append(_row("starts", starts_lines(solution.starts)))

@@ -38,3 +38,21 @@ def test_what_has_no_bound_says_why(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bound", "goddard", "--degree", "2"]) == 1
     assert "the horizon is free, and its length costs nothing" in capsys.readouterr().out
     assert not Path("goddard.bound.json").exists()
+
+
+def test_a_result_is_taken_as_well_as_its_problem(capsys: pytest.CaptureFixture[str]) -> None:
+    """From 1 straight to 0, then there: 1/3."""
+    Path("rest.py").write_text(
+        "from socp import Problem, controls, states\n"
+        "x, u = states('x'), controls('u')\n"
+        "problem = Problem(name='rest', running=x**2, dynamics={x: u}, bounds={u: (-1, 1)},"
+        " start={x: 1}, final_time=2)\n",
+        encoding="utf-8",
+    )
+    assert main(["solve", "rest.py", "--quiet"]) == 0
+    capsys.readouterr()
+    assert main(["bound", "rest.socp.json", "--degree", "4", "--quiet", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert 0.32 < found["bound"] <= 1 / 3
+    assert main(["bound", "rest.socp.json", "--set", "final_time=3"]) == 2
+    assert "is a result" in capsys.readouterr().err

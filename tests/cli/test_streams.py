@@ -34,9 +34,9 @@ from socp.errors import MethodError, ProblemError, SolveError
 from socp.model.data.files import load
 from socp.model.result.findings import Condition, Node, Place
 from socp.model.result.solution import Stop
-from socp.process import write_atomic
+from socp.process import ended_after, write_atomic
+from socp.process.output import output_discarded
 from socp.process.text import file_stem, markdown, markdown_code, one_line, printable
-from socp.solvers import process as apart
 from socp.solvers.contract import NLP, NLPPoint
 from socp.view.figures import style
 from socp.view.recording.summary import comparison, search, summary
@@ -438,7 +438,7 @@ def test_solvers_in_processes_of_their_own_run_in_their_job_s_folder(
     code = "import os; print(os.getcwd(), os.environ['PYTHONPATH'])"
     with (
         Path("log").open("wb") as log,
-        apart._process([sys.executable, "-c", code], log, tmp_path) as process,
+        ended_after([sys.executable, "-c", code], tmp_path, stdout=log) as process,
     ):
         process.wait()
     folder, search_path = Path("log").read_text().split()

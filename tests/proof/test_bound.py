@@ -4,6 +4,8 @@ by the checker as soon as anything of the certificate is changed.
 
 import copy
 import json
+import os
+import time as clock
 from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
@@ -28,9 +30,15 @@ from socp import (
     states,
     uniform,
 )
-from socp.errors import SolveError
-from socp.model import Rung, time
-from socp.proof import LowerBound, checked, lower_bound
+from socp.errors import LateError, SolveError
+from socp.model import Progress, Rung, time
+from socp.proof import LowerBound, checked, flint, lower_bound
+from socp.proof.bound.bounding import spread_of
+from socp.proof.bound.closing import Clock
+from socp.proof.bound.lifting import Lift
+from socp.proof.bound.searching import Job, bounds
+from socp.proof.bound.sets import Region
+from socp.proof.bound.squares import Blocks, Demand, expense
 from socp.transcription import follow, lgr
 
 x, v = states("x v")
@@ -66,9 +74,17 @@ def solved(problem: Problem, word: str) -> Solution:
     return judge(problem, solve_collocated(phased, meshes, Ipopt(), default_guess(problem)))
 
 
+def bounded(problem: Problem, solution: Solution | None, degree: int) -> LowerBound:
+    """Return what a search in this process finds."""
+    goal = None if solution is None else solution.objective
+    until = clock.time() + 200.0
+    *_, found = bounds(Job(problem, spread_of(solution), goal, degree, until, os.getpid()))
+    return found
+
+
 @cache
 def rest(degree: int = 6) -> LowerBound:
-    return lower_bound(REST, solved(REST, "- s"), 60.0, degree)
+    return bounded(REST, solved(REST, "- s"), degree)
 
 
 def value(certificate: Data, at: np.ndarray) -> np.ndarray:
@@ -250,7 +266,7 @@ def test_there_are_fifty_changes() -> None:
 def test_another_motion() -> None:
     """The integral of (1 - e^t/2)^2 until log 2: log 2 - 1 + 3/8."""
     best = np.log(2) - 1 + 3 / 8
-    found = lower_bound(UNSTABLE, solved(UNSTABLE, "- s"), 60.0, 6).bound
+    found = bounded(UNSTABLE, solved(UNSTABLE, "- s"), 6).bound
     assert found is not None
     assert 0.98 * best < found <= best
 
@@ -268,7 +284,7 @@ def test_another_motion() -> None:
 def test_registered_problems(name: str, degree: int, allowed: float) -> None:
     reference = PROBLEMS[name].reference
     assert reference is not None
-    found = lower_bound(PROBLEMS[name], known(name), 200.0, degree)
+    found = bounded(PROBLEMS[name], known(name), degree)
     assert found.bound is not None
     best, size = reference.objective, abs(reference.objective)
     assert best - allowed * size < found.bound <= best
@@ -279,7 +295,7 @@ def test_registered_problems(name: str, degree: int, allowed: float) -> None:
 
 
 def test_minimum_time_under_a_speed_limit() -> None:
-    found = lower_bound(LIMITED, None, 60.0, 6)
+    found = bounded(LIMITED, None, 6)
     assert found.bound is not None
     assert 0.9 * 3 < found.bound <= 3
 
@@ -295,7 +311,35 @@ def test_minimum_time_under_a_speed_limit() -> None:
     ],
 )
 def test_what_has_no_bound_is_told(problem: Problem, reason: str) -> None:
-    found = lower_bound(problem, None, 5.0, 2)
+    found = lower_bound(problem, None, 60.0, 2)
     assert found.bound is None
     assert reason in found.reason
     assert not found.certificate
+
+
+def test_the_bound_in_hand_is_returned_when_the_time_is_over_or_ctrl_c_comes() -> None:
+    """A watch raises what Ctrl-C does, as soon as there is something in hand."""
+    told = []
+
+    def see(now: Progress, /) -> bool:
+        told.append(now.objective)
+        raise KeyboardInterrupt
+
+    found = lower_bound(REST, solved(REST, "- s"), 600.0, watch=see)
+    assert found.interrupted
+    assert found.bound == told[0]
+    assert checked(found.certificate) == Fraction(found.certificate["bound"])
+    assert found.seconds < 100.0
+    late = lower_bound(REST, solved(REST, "- s"), 1e-3)
+    assert late.bound is None
+    assert late.reason == "there was no time for it"
+
+
+def test_no_programme_is_begun_that_there_is_no_time_for() -> None:
+    """A block of 100 has 5050 entries, and the factorisation the third of 5050^3 products."""
+    ring = flint().fmpq_mpoly_ctx.get(("x",), flint().Ordering.lex)
+    region = Region(Lift(["x"], ring, 1, []), [(Fraction(-1), Fraction(1))], [])
+    blocks = Blocks(Demand("", region, {}, []), ["one"], [[(k,) for k in range(100)]], [], None)
+    assert expense([blocks]) == pytest.approx(0.2 + 1.2e-8 * 5050**3 / 3)
+    with pytest.raises(LateError, match="no time for a programme of 515 s"):
+        Clock(100.0).solved(np.zeros(1), [blocks], None)

@@ -13,15 +13,25 @@ import click
 from socp.cli.opening import open_result, problem_missing
 from socp.cli.options import DEFAULT_METHOD
 from socp.cli.posing import load_posed, named_after, set_option
+from socp.cli.progress import progress
 from socp.cli.running import made, run_method
-from socp.cli.session import Exit, Session, heading, show, writable, write_json
+from socp.cli.session import (
+    Exit,
+    Session,
+    heading,
+    messages,
+    show,
+    writable,
+    write_json,
+)
 from socp.cli.show import ladder, table_lines
-from socp.errors import ProblemError, SolveError
-from socp.process import read_text, write_atomic
-from socp.view import Row, Tone, top_text
+from socp.errors import MethodError, ProblemError, SolveError
+from socp.process import breakable, give_way, read_text, signals_held, write_atomic
+from socp.view import Row, Tone, gap_bar, top_text
 
 if TYPE_CHECKING:
     from socp.model import Problem, Solution
+    from socp.proof import LowerBound
     from socp.registry import Registry
 
 ENDING = ".bound.json"
@@ -84,7 +94,7 @@ def prove(session: Session, /, result: str, bits: int, problem: str | None, as_j
 
 
 @click.command()
-@click.argument("problem", metavar="FILE_OR_NAME")
+@click.argument("problem", metavar="PROBLEM_OR_RESULT")
 @set_option
 @click.option(
     "--result", metavar="RESULT", help="A saved result to compare with.  [default: auto solves it]"
@@ -113,57 +123,88 @@ def prove(session: Session, /, result: str, bits: int, problem: str | None, as_j
 def bound(session: Session, /, **given: Any) -> int:
     """Prove that no admissible control has a lower objective than a bound.
 
-    A subsolution of the Hamilton-Jacobi-Bellman equation is found by sums of squares; the
-    certificate, in exact fractions, is checked anew before anything is told, and written: `socp
-    check` checks it again. A result shows how far the best known control may be from the optimum.
-    It needs python-flint: `pip install 'socp[prove]'`. Exit code 1 where there is no bound; the
-    report says why.
+    Of a problem, as a file or a name, or of a saved result (.json) and its problem. A subsolution
+    of the Hamilton-Jacobi-Bellman equation is found by sums of squares; the certificate, in exact
+    fractions, is checked anew before anything is told, and written: `socp check` checks it again. A
+    result shows how far the best known control may be from the optimum. Ctrl-C ends the search with
+    the best bound so far. It needs python-flint: `pip install 'socp[prove]'`. Exit code 1 where
+    there is no bound; the report says why.
     """
     return _bounded(session, Asked(**given))
 
 
 def _bounded(session: Session, asked: Asked) -> int:
-    from socp.proof import lower_bound
-
     session.quiet = asked.quiet
     registry = session.registry()
-    problem = load_posed(asked.problem, asked.changes, registry)
+    problem, solution = _posed(session, registry, asked)
     path = writable(asked.out or named_after(problem.name, ENDING, asked.changes))
-    solution = _known(session, registry, problem, asked.result)
-    found = lower_bound(problem, solution, asked.seconds, asked.degree)
-    gap = found.gap(solution)
-    proved = solution.with_judgement(proofs=found.rungs(solution))
-    if found.bound is not None:
-        write_atomic(path, json.dumps(found.certificate))
-    if asked.as_json:
-        write_json({**found.data, "gap": gap, "ladder": ladder(proved)})
-        return Exit.UNSOLVED if found.bound is None else Exit.SOLVED
-    lines = [*found.lines, ("objective", f"{solution.objective:.12g}, {solution.word}")]
-    if gap is not None:
-        lines += [("gap", f"{100 * gap:.3g} %"), ("rung", top_text(proved))]
-        lines += [("certificate", str(path))]
-    show(heading(problem.name, problem.title), _table(lines))
+    with signals_held():
+        found = searched(problem, solution, asked.seconds, asked.degree, quiet=asked.quiet)
+        gap = found.gap(solution)
+        proved = solution.with_judgement(proofs=found.rungs(solution))
+        if found.bound is not None:
+            write_atomic(path, json.dumps(found.certificate))
+        if asked.as_json:
+            write_json({**found.data, "gap": gap, "ladder": ladder(proved)})
+        else:
+            lines = [*found.lines, ("objective", f"{solution.objective:.12g}, {solution.word}")]
+            if gap is not None:
+                lines += [("gap", f"{100 * gap:.3g} %"), ("", gap_bar(solution.objective, gap))]
+                lines += [("rung", top_text(proved)), ("certificate", str(path))]
+            show(heading(problem.name, problem.title), table_lines(map(_row, lines)))
+    if found.interrupted:
+        session.note(f"interrupted: the best bound so far is in {path}")
+        return Exit.INTERRUPTED
     return Exit.UNSOLVED if found.bound is None else Exit.SOLVED
 
 
+def searched(
+    problem: "Problem",
+    solution: "Solution",
+    seconds: float = 60.0,
+    degree: int | None = None,
+    *,
+    quiet: bool,
+) -> "LowerBound":
+    """Return a lower bound of a problem, its search shown; KeyboardInterrupt where it ends before
+    there is one.
+    """
+    from socp.proof import lower_bound
+
+    with breakable(), progress(messages(), f"{problem.name}, bound", quiet=quiet) as watch:
+        give_way()
+        return lower_bound(problem, solution, seconds, degree, watch)
+
+
+def _row(line: tuple[str, str]) -> Row:
+    label, text = line
+    return Row(label, (((text, Tone.PLAIN),),))
+
+
 def _table(lines: Sequence[tuple[str, str]]) -> Any:
-    return table_lines([Row(label, (((text, Tone.PLAIN),),)) for label, text in lines])
+    return table_lines(map(_row, lines))
 
 
-def _known(
-    session: Session, registry: "Registry", problem: "Problem", result: str | None
-) -> "Solution":
-    """Return a result of a problem: the given one, or what `auto` finds."""
+def _posed(session: Session, registry: "Registry", asked: Asked) -> "tuple[Problem, Solution]":
+    """Return a problem and a result of it: the given one, or what `auto` finds."""
     from socp.methods import default_guess
-    from socp.model import silent
 
-    if result is None:
+    if Path(asked.problem).suffix == ".json":
+        if asked.changes or asked.result:
+            raise MethodError(f"{asked.problem} is a result: give --set and --result a problem")
+        solution, own = open_result(session, asked.problem, None, registry)
+        if own is None:
+            raise ProblemError(f"{asked.problem}: {problem_missing(solution)}")
+        return own, solution
+    problem = load_posed(asked.problem, asked.changes, registry)
+    if asked.result is None:
         method = made(registry, DEFAULT_METHOD, ())
-        return run_method(registry, method, problem, default_guess(problem), silent)
-    solution, its = open_result(session, result, None, registry)
-    if its is None or its.fingerprint != problem.fingerprint:
-        raise ProblemError(f"{result}: it is no result of the problem '{problem.name}'")
-    return solution
+        with progress(messages(), f"{problem.name}, {method.name}", quiet=asked.quiet) as watch:
+            return problem, run_method(registry, method, problem, default_guess(problem), watch)
+    solution, own = open_result(session, asked.result, None, registry)
+    if own is None or own.fingerprint != problem.fingerprint:
+        raise ProblemError(f"{asked.result}: it is no result of the problem '{problem.name}'")
+    return problem, solution
 
 
 def certificate_in(path: str) -> Mapping[str, Any] | None:

@@ -1,38 +1,34 @@
-"""The search for a lower bound: regions, degrees and sums of squares, until the time is up; what
-counts is what the checker makes of the certificate.
+"""The search for a lower bound, in a process of its own: it ends in time, whatever a solver does,
+and what was found by then stands.
 """
 
+import json
+import os
+import pickle
+import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
-from fractions import Fraction
-from math import floor, inf, log10
+from math import nan
+from queue import Empty, SimpleQueue
+from subprocess import DEVNULL, PIPE, Popen
+from threading import Thread
+
+import numpy as np
 
 from socp.errors import ProblemError, SolveError
-from socp.model import Problem, Solution
-from socp.proof.bound.ansatz import below
-from socp.proof.bound.certificate import certificate, stage
-from socp.proof.bound.checking import checked
-from socp.proof.bound.closing import (
-    Clock,
-    Stage,
-    Task,
-    ansatz_of,
-    closed,
-    ends_of,
-    hull_of,
-    subsolution,
-)
-from socp.proof.bound.domain import Setting, setting
-from socp.proof.bound.sets import Region
+from socp.model import Problem, Progress, Solution, Watch, silent
+from socp.process import ended_after
+from socp.proof.balls import flint
+from socp.proof.bound.domain import Spread, setting
+from socp.proof.bound.searching import Job
 from socp.proof.bound.told import LowerBound
 
 SECONDS = 60.0
-_DEGREES = (2, 3, 4, 5, 6, 8, 10, 12)
-_WORTH = 0.98  # of the gap: a degree that leaves more of it was not worth it
-_STALLED = 2  # such degrees in a row, and no higher one is tried
-_DIGITS = 10  # of a bound as it is stated, rounded down
-_GROWTH = 4.0  # a programme of the next degree takes this times as long at least
+# Of the time: over it, for what was solved in time is rounded and checked still
+_GRACE = 0.05
+_LOOK = 0.2  # seconds between two looks at whether the watch asks to stop
 
 
 def lower_bound(
@@ -40,115 +36,76 @@ def lower_bound(
     solution: Solution | None = None,
     seconds: float = SECONDS,
     degree: int | None = None,
+    watch: Watch = silent,
 ) -> LowerBound:
     """Return a proved lower bound of a problem's optimum.
 
     A solution shows where trajectories of interest are, and what leaving the region should cost; it
     is not believed. `degree` is that of the subsolution, the largest that the time allows if None.
-    Raises SolveError where python-flint is missing.
+    Ctrl-C, or a watch that answers true, ends the search: what comes back is the bound in hand.
+    Raises SolveError where python-flint is missing, KeyboardInterrupt where there is none in hand.
     """
-    began = time.perf_counter()
-    found = LowerBound(problem=problem.name)
+    flint()
+    began, until = time.perf_counter(), time.time() + seconds
+    found = LowerBound(problem=problem.name, reason="there was no time for it")
+    goal = None if solution is None else solution.objective
     try:
-        for each in _bounds(setting(problem), solution, Clock(seconds), degree):
-            found = each
+        setting(problem)  # what has no bound is said at once
+        job = Job(problem, spread_of(solution), goal, degree, until, os.getpid())
+        for each in _told(pickle.dumps(job), until + _GRACE * seconds):
+            if isinstance(each, LowerBound):
+                found = each
+            told = Progress(f"degree {found.degree}", int(each is None), found.bound or 0.0, nan)
+            if found.bound is not None and watch(told):
+                found = replace(found, interrupted=True)
+                break
     except (SolveError, ProblemError) as error:
         found = found if found.bound is not None else replace(found, reason=str(error))
+    except KeyboardInterrupt:
+        if found.bound is None:
+            raise
+        found = replace(found, interrupted=True)
     return replace(found, seconds=time.perf_counter() - began)
 
 
-def _bounds(
-    given: Setting, solution: Solution | None, clock: Clock, degree: int | None
-) -> Iterator[LowerBound]:
-    """Yield better and better bounds: of functions that are linear in what nothing depends on, then
-    of such as bend in it too.
-    """
-    best: LowerBound | None = None
-    reason = SolveError("there was no time for it")
-    task = Task(given, hull_of(given, solution), None if solution is None else solution.objective)
-    idle, stages = given.idle(), list[Stage]()
-    passes = [set[int](), *([idle] if idle else []), idle]
-    for k, also in enumerate(passes):
-        if k and stages and not stages[-1].exits and not idle:
-            break
-        outer, among = stages, 1 if k + 1 == len(passes) else 2
-        try:
-            for stage in _climbed(task, also | given.bounded(), outer, (clock, among), degree):
-                each = _certified(task, [*outer, stage])
-                if stages is outer or stage.found.value > stages[-1].found.value:
-                    stages = [*outer, stage]
-                if best is None or (each.bound or 0.0) > (best.bound or 0.0):
-                    best = each
-                    yield each
-        except SolveError as error:
-            reason = error
-    if best is None:
-        raise reason
+def spread_of(solution: Solution | None) -> Spread:
+    """Return where the states of a solution are."""
+    if solution is None:
+        return {}
+    ends = [(np.min(arc.x, axis=1), np.max(arc.x, axis=1)) for arc in solution.arcs]
+    low, high = np.min([a for a, _ in ends], axis=0), np.max([b for _, b in ends], axis=0)
+    spread = zip(low.tolist(), high.tolist(), strict=True)
+    return dict(zip(solution.state_names, spread, strict=True))
 
 
-def _climbed(
-    task: Task,
-    also: set[int],
-    outer: Sequence[Stage],
-    time_left: tuple[Clock, int],
-    degree: int | None,
-) -> Iterator[Stage]:
-    """Yield functions on one region by rising degrees, as long as they rise; once the region is
-    closed, what is left of the time is shared among so many regions.
-    """
-    whole, among = time_left
-    region, exits = closed(task, also, outer, whole)
-    clock = whole.share(among)
-    reason: SolveError | None = SolveError("there was no time for it")
-    spent, before, stalled = 0.0, inf, 0
-    for each in _DEGREES if degree is None else (degree,):
-        if spent * _GROWTH > clock():
-            break
-        began = time.monotonic()
-        ansatz = ansatz_of(task.setting, region, each)
-        ends = below(ansatz, "at the end", ends_of(task.setting, region), task.setting.final)
-        try:
-            found = subsolution(
-                task.setting, ansatz, task.setting.running, ends, clock, task.enough
-            )
-        except SolveError as error:
-            reason = reason and error
-            continue
-        spent = time.monotonic() - began
-        yield Stage(region, exits, found, each)
-        reason = None
-        gap = -found.value if task.goal is None else task.goal - found.value
-        stalled = stalled + 1 if task.goal is not None and gap > before * _WORTH else 0
-        if stalled == _STALLED:
-            return
-        before = min(gap, before)
-    if reason is not None:
-        raise reason
+def _told(job: bytes, until: float) -> Iterator[LowerBound | None]:
+    """Yield what a search finds as it does, and None from time to time, until it ends or has to."""
+    # -P: a file such as signal.py or json.py in the current folder is none of Python's
+    command = [sys.executable, "-P", "-m", "socp.proof.bound.worker"]
+    with ended_after(command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL) as process:
+        lines: SimpleQueue[bytes] = SimpleQueue()
+        Thread(target=_moved, args=(process, job, lines), daemon=True).start()
+        while (left := until - time.time()) > 0.0:
+            try:
+                line = lines.get(timeout=min(left, _LOOK))
+            except Empty:
+                yield None
+                continue
+            if not line:
+                if process.wait():
+                    raise SolveError(f"the search died with exit code {process.returncode}")
+                return
+            yield LowerBound(**json.loads(line))
 
 
-def _certified(task: Task, stages: Sequence[Stage]) -> LowerBound:
-    data = [stage(each.region, [e.data for e in each.exits], each.found.data) for each in stages]
-    found = certificate(task.setting, data)
-    low = _down(checked(found))
-    found["bound"] = str(low)
-    return LowerBound(
-        problem=task.setting.problem.name,
-        bound=float(low),
-        degree=stages[-1].degree,
-        region=tuple(_told(task.setting, stages[-1].region)),
-        certificate=found,
-    )
-
-
-def _down(value: Fraction) -> Fraction:
-    """Return a decimal that is no larger."""
-    if not value:
-        return value
-    grain = Fraction(10) ** (_DIGITS - 1 - floor(log10(abs(value))))
-    return Fraction(floor(value * grain)) / grain
-
-
-def _told(given: Setting, region: Region) -> Iterator[str]:
-    for name, (low, high) in zip(given.names, region.box, strict=False):
-        if low is not None and high is not None:
-            yield f"{name} in [{float(low):.4g}, {float(high):.4g}]"
+def _moved(process: Popen[bytes], job: bytes, lines: "SimpleQueue[bytes]") -> None:
+    """Give a process its job, and pass its lines on; an empty one is the last."""
+    given, told = process.stdin, process.stdout
+    if given is not None and told is not None:
+        with told, suppress(OSError):  # it was ended
+            with given:
+                given.write(job)
+            for line in told:
+                if line.endswith(b"\n"):
+                    lines.put(line)
+    lines.put(b"")

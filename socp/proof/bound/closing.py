@@ -10,15 +10,14 @@ from typing import final
 
 import numpy as np
 
-from socp.errors import SolveError
-from socp.model import Solution
+from socp.errors import LateError, SolveError
 from socp.proof.bound.ansatz import Ansatz, below, decrease, value
 from socp.proof.bound.certificate import Data, function, proof
-from socp.proof.bound.domain import Hull, Setting, domain
+from socp.proof.bound.domain import Hull, Setting, Spread, domain
 from socp.proof.bound.lifting import Limits, Polynomial, fraction, limits
 from socp.proof.bound.rounding import rounded, shown
 from socp.proof.bound.sets import Region, with_ranges
-from socp.proof.bound.squares import Blocks, Demand, monomials, solved
+from socp.proof.bound.squares import Blocks, Demand, Solved, expense, monomials, solved
 
 _EXIT_DEGREES = (4, 6)  # of the functions that close open sides: they need not be sharp
 _WIDE, _NARROW = 0.5, 0.25  # how far sides stand out at first, over the width
@@ -32,18 +31,32 @@ _CLEAR = 0.01  # of a barrier, which is one at most: well above what rounding le
 _MOVED = 1e-3  # of the goal: a side that raises its cost by less does not move on
 _ROUNDS = 8
 _FINE = 10**12  # of a square root
+_TELLING = 0.5  # seconds: what is over sooner says little of how fast a machine is
 
 
 @final
 class Clock:
-    """The seconds that are left."""
+    """The seconds that are left, and how many a programme takes here of those that it would."""
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds: float, paces: list[float] | None = None) -> None:
         self._until = time.monotonic() + seconds
+        self._paces = [1.0] if paces is None else paces
 
     def share(self, among: int) -> "Clock":
         """Return a clock of an equal share of what is left."""
-        return Clock(self() / among)
+        return Clock(self() / among, self._paces)
+
+    def solved(
+        self, objective: np.ndarray, blocks: Sequence[Blocks], enough: float | None
+    ) -> Solved:
+        """Return what `solved` does; SolveError where there is no time for a programme so large."""
+        expected = self._paces[-1] * expense(blocks)
+        if expected > self():
+            raise LateError(f"there was no time for a programme of {expected:.0f} s")
+        found = solved(objective, blocks, self, enough)
+        if found.seconds > _TELLING:
+            self._paces.append(found.seconds / expense(blocks))
+        return found
 
     def __call__(self) -> float:
         """Return the seconds that are left."""
@@ -100,9 +113,9 @@ def subsolution(
     blocks = []
     for demand in chain(decrease(ansatz, running, given.vertices), (ends,)):
         if clock() <= 0.0:
-            raise SolveError("there was no time for it")
+            raise LateError("there was no time for it")
         blocks.append(Blocks.of(demand))
-    found = solved(value(ansatz, given.start()), blocks, clock, enough)
+    found = clock.solved(value(ansatz, given.start()), blocks, enough)
     coefficients = rounded(found.coefficients)
     proofs = [
         proof(shown(its, coefficients, grams))
@@ -161,20 +174,17 @@ def _both(a: Limits, b: Limits) -> Limits:
     return low, high
 
 
-def hull_of(given: Setting, solution: Solution | None) -> Hull:
-    """Return where trajectories of interest are, by state."""
+def hull_of(given: Setting, spread: Spread) -> Hull:
+    """Return where trajectories of interest are, by state: of known ones, and of both ends."""
     found = {}
     for k, name in enumerate(given.names[: given.time]):
-        known = [
+        known = [*spread.get(name, ())]
+        known += [
             float(x)
             for its in (given.given("start", k), given.given("end", k))
             for x in its
             if x is not None
         ]
-        if solution is not None:
-            known += [
-                float(x) for arc in solution.arcs for x in (np.min(arc.x[k]), np.max(arc.x[k]))
-            ]
         found[name] = (min(known), max(known))
     return found
 
@@ -183,32 +193,38 @@ def closed(
     task: Task, also: set[int], outer: Sequence[Stage], clock: Clock
 ) -> tuple[Region, list[Found]]:
     """Return a region with functions that close its open sides, which move out until leaving
-    through them costs as much as the goal.
+    through them costs as much as the goal, or half of the time is spent.
     """
-    first = _NARROW if outer else _WIDE
+    first, half = _NARROW if outer else _WIDE, clock.share(2)
     # what the region around this one leaves open; without one, leaving has to cost the goal
     gap = 0.0 if task.goal is None or not outer else task.goal - outer[-1].found.value
     widening, known = dict[tuple[int, int], float](), dict[tuple[int, int], float]()
     cheap: list[tuple[int, int]] = []
+    region, exits = None, list[Found]()
     for _ in range(_ROUNDS):
         last, cheap = cheap, []
-        found, exits = domain(task.setting, task.hull, widening, first, also), []
-        for side in found.exits:
-            its = _exit(task, found.region, side, outer, clock)
-            exits.append(its)
-            if task.goal is not None and its.value < task.goal - _PART * gap:
-                vain = side in last and its.value - known[side] <= _MOVED * gap
-                enough = its.value >= task.goal - _HALF * gap
+        found = domain(task.setting, task.hull, widening, first, also)
+        try:
+            its = [_exit(task, found.region, side, outer, half) for side in found.exits]
+        except (SolveError, LateError):
+            if region is None:
+                raise
+            break  # the last sides are as good as there was time for
+        region, exits = found.region, its
+        for side, each in zip(found.exits, exits, strict=True):
+            if task.goal is not None and each.value < task.goal - _PART * gap:
+                vain = side in last and each.value - known[side] <= _MOVED * gap
+                enough = each.value >= task.goal - _HALF * gap
                 cheap += [] if vain and enough else [side]
-            known[side] = its.value
+            known[side] = each.value
         if not cheap:
             break
         widening |= {each: widening.get(each, first) * _WIDER for each in cheap}
-    if any(each.value == -inf for each in exits):
+    if region is None or any(each.value == -inf for each in exits):
         raise SolveError("the states are not shown to stay within a region")
     if outer and any(each.value <= outer[-1].found.value for each in exits):
         raise SolveError("leaving a narrower region is not shown to cost more")
-    return found.region, exits
+    return region, exits
 
 
 def _exit(
@@ -230,10 +246,15 @@ def _exit(
     elif not outer:
         tries.append(("barrier", zero, zero, 1.0))
     best: Found | None = None
+    reason: Exception = SolveError(f"nothing is known of who leaves '{lift.names[place]}'")
     for (kind, cost, floor, enough), degree in product(tries, _EXIT_DEGREES):
-        ansatz = ansatz_of(task.setting, region, degree, bounded=True)
-        ends = below(ansatz, "exit", face, floor)
-        its = subsolution(task.setting, ansatz, cost, ends, clock, enough)
+        try:
+            ansatz = ansatz_of(task.setting, region, degree, bounded=True)
+            ends = below(ansatz, "exit", face, floor)
+            its = subsolution(task.setting, ansatz, cost, ends, clock, enough)
+        except (SolveError, LateError) as error:
+            reason = error
+            continue
         if kind == "barrier":  # nobody gets there, or nothing is shown
             its = replace(its, value=inf if its.value > _CLEAR else -inf)
         if best is None or its.value > best.value:
@@ -241,5 +262,5 @@ def _exit(
         if task.goal is None or best.value >= task.goal:
             break
     if best is None:
-        raise SolveError(f"nothing is known of who leaves '{lift.names[place]}'")
+        raise reason
     return best

@@ -15,6 +15,7 @@ from socp.proof.bound.lifting import Lift, Limits, Polynomial, lifted, limits, s
 from socp.proof.bound.sets import Region, with_ranges
 
 Hull = Mapping[str, tuple[float, float]]
+Spread = Hull  # where the states of a solution are, which need not be all
 
 _NOWHERE: Limits = (None, None)
 # How far out a side is looked for that nothing crosses, over the width of the region

@@ -12,7 +12,9 @@ from socp.proof.bound.certificate import Data
 @final
 @dataclass(frozen=True, kw_only=True)
 class LowerBound:
-    """A proved lower bound of a problem's optimum with its certificate, or why there is none."""
+    """A proved lower bound of a problem's optimum with its certificate, or why there is none; the
+    last one in hand where the search was interrupted.
+    """
 
     problem: str
     bound: float | None = None
@@ -21,6 +23,7 @@ class LowerBound:
     region: tuple[str, ...] = ()
     certificate: Data = field(default_factory=dict, repr=False)
     seconds: float = 0.0
+    interrupted: bool = False
 
     def gap(self, solution: Solution) -> float | None:
         """Return how far the optimum may be below a solution's objective, over its magnitude."""
