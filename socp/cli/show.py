@@ -1,6 +1,6 @@
 """What the commands show of a solution: its facts as plain values, and its report on a terminal."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any
 
@@ -87,9 +87,17 @@ def worst(solution: "Solution") -> float:
     return max((each.off for each in solution.verified), default=float("nan"))
 
 
-def report(problem: "Problem", solution: "Solution", path: str) -> Table:
-    """Return the report of a solve, one fact a row."""
-    return table_lines(solution_rows(problem, solution, UNJUDGED, path))
+def report(
+    problem: "Problem", solution: "Solution", path: str, more: Sequence[tuple[str, str]] = ()
+) -> Table:
+    """Return the report of a solve, one fact a row, with more of them at its end."""
+    return table_lines([*solution_rows(problem, solution, UNJUDGED, path), *map(row, more)])
+
+
+def row(line: tuple[str, str]) -> Row:
+    """Return a label and a text as a row."""
+    label, text = line
+    return Row(label, (((text, Tone.PLAIN),),))
 
 
 def table_lines(rows: Iterable[Row]) -> Table:

@@ -1,11 +1,13 @@
 """`socp bound` and the check of its certificate, as commands."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from socp.cli import main
+from socp.cli import main, proofs
+from socp.model import load
 
 
 @pytest.fixture(autouse=True)
@@ -40,8 +42,8 @@ def test_what_has_no_bound_says_why(capsys: pytest.CaptureFixture[str]) -> None:
     assert not Path("goddard.bound.json").exists()
 
 
-def test_a_result_is_taken_as_well_as_its_problem(capsys: pytest.CaptureFixture[str]) -> None:
-    """From 1 straight to 0, then there: 1/3."""
+def rest() -> None:
+    """Write a problem: from 1 straight to 0, then there, costs 1/3."""
     Path("rest.py").write_text(
         "from socp import Problem, controls, states\n"
         "x, u = states('x'), controls('u')\n"
@@ -49,6 +51,27 @@ def test_a_result_is_taken_as_well_as_its_problem(capsys: pytest.CaptureFixture[
         " start={x: 1}, final_time=2)\n",
         encoding="utf-8",
     )
+
+
+def test_a_result_is_proved_where_it_is_solved(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The file carries what is proved, and the certificate beside it is one."""
+    rest()
+    monkeypatch.setattr(proofs, "searched", partial(proofs.searched, degree=4))
+    assert main(["solve", "rest.py", "--quiet", "--prove", "--bound", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["proofs"]["existence"]["proved"]
+    assert found["proofs"]["existence"]["objective"][0].startswith("0.33333333333333333")
+    assert 0.32 < found["proofs"]["bound"]["bound"] <= 1 / 3
+    held = {step["rung"] for step in found["verdict"]["ladder"] if step["holds"]}
+    assert held >= {"EXISTS", "GLOBAL"}
+    assert [each.rung.name for each in load("rest.socp.json").proofs] == ["EXISTS", "GLOBAL"]
+    assert main(["check", "rest.bound.json"]) == 0
+
+
+def test_a_result_is_taken_as_well_as_its_problem(capsys: pytest.CaptureFixture[str]) -> None:
+    rest()
     assert main(["solve", "rest.py", "--quiet"]) == 0
     capsys.readouterr()
     assert main(["bound", "rest.socp.json", "--degree", "4", "--quiet", "--json"]) == 0

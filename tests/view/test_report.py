@@ -30,7 +30,7 @@ from socp.model import (
     to_json,
 )
 from socp.registry import Registry
-from socp.view import Outcome, outcome_of, solution_rows, verdict_rows
+from socp.view import Outcome, gap_bar, outcome_of, solution_rows, to_page, verdict_rows
 from socp.view.recording.summary import summary
 from socp.view.report import judgement, stated_error
 
@@ -370,3 +370,34 @@ def test_the_highest_rungs_are_among_the_first_lines(problem: Problem, exact: So
 def test_no_proof_outlives_a_judgement(problem: Problem, exact: Solution) -> None:
     proof = Proof(rung=Rung.EXISTS, margin=0.0, statement="")
     assert judge(problem, revised(exact, proofs=(proof,))).proofs == ()
+
+
+@pytest.mark.parametrize(
+    ("objective", "gap", "bar"),
+    [
+        (2.0, 0.25, f"1.5 |{'█' * 30}{' ' * 10}| 2"),
+        (-5.0, 0.01, f"-5.05 |{'█' * 39}▌| -5"),
+        (3.0, 0.0, f"3 |{'█' * 40}| 3"),
+        (1.0, 2.5, f"-1.5 |{' ' * 40}| 1"),
+    ],
+)
+def test_a_gap_is_a_bar(objective: float, gap: float, bar: str) -> None:
+    """Of 40 characters the gap stays open: of 1 % four tenths of one, rounded up to an eighth."""
+    assert gap_bar(objective, gap) == bar
+
+
+def test_what_is_proved_stands_in_report_page_and_json(problem: Problem, exact: Solution) -> None:
+    bound = Proof(rung=Rung.GLOBAL, margin=0.25, statement="no control is below")
+    there = Proof(rung=Rung.EXISTS, margin=1e-9, statement="exactly one")
+    solution = exact.with_judgement(proofs=(there, bound))
+    rows = {row.label: row.texts for row in solution_rows(problem, solution)}
+    assert rows["proved"] == ["exactly one", "no control is below", gap_bar(exact.objective, 0.25)]
+    assert "an extremal exists beside it, proved" in rows["rung"][0]
+    assert "within 25 % of the global optimum, proved" in rows["rung"][0]
+    page = to_page(solution, problem)
+    assert "exactly one" in page
+    assert gap_bar(exact.objective, 0.25) in page
+    held = {
+        step["rung"] for step in facts(problem, solution)["verdict"]["ladder"] if step["proved"]
+    }
+    assert held == {"EXISTS", "GLOBAL"}

@@ -14,6 +14,7 @@ from socp.cli.opening import open_result, problem_missing
 from socp.cli.options import DEFAULT_METHOD
 from socp.cli.posing import load_posed, named_after, set_option
 from socp.cli.progress import progress
+from socp.cli.proofs import BOUND, searched
 from socp.cli.running import made, run_method
 from socp.cli.session import (
     Exit,
@@ -24,17 +25,15 @@ from socp.cli.session import (
     writable,
     write_json,
 )
-from socp.cli.show import ladder, table_lines
+from socp.cli.show import ladder, row, table_lines
 from socp.errors import MethodError, ProblemError, SolveError
-from socp.process import breakable, give_way, read_text, signals_held, write_atomic
-from socp.view import Row, Tone, gap_bar, top_text
+from socp.process import read_text, signals_held, write_atomic
+from socp.view import gap_bar, top_text
 
 if TYPE_CHECKING:
     from socp.model import Problem, Solution
-    from socp.proof import LowerBound
     from socp.registry import Registry
 
-ENDING = ".bound.json"
 _FORMAT = "socp bound "
 _LEAST, _MOST = 64, 4096  # bits: with fewer nothing is proved, with more it takes hours
 _LARGEST_DEGREE = 16  # a programme of it is beyond any machine's memory with two states already
@@ -137,7 +136,7 @@ def _bounded(session: Session, asked: Asked) -> int:
     session.quiet = asked.quiet
     registry = session.registry()
     problem, solution = _posed(session, registry, asked)
-    path = writable(asked.out or named_after(problem.name, ENDING, asked.changes))
+    path = writable(asked.out or named_after(problem.name, BOUND, asked.changes))
     with signals_held():
         found = searched(problem, solution, asked.seconds, asked.degree, quiet=asked.quiet)
         gap = found.gap(solution)
@@ -151,38 +150,15 @@ def _bounded(session: Session, asked: Asked) -> int:
             if gap is not None:
                 lines += [("gap", f"{100 * gap:.3g} %"), ("", gap_bar(solution.objective, gap))]
                 lines += [("rung", top_text(proved)), ("certificate", str(path))]
-            show(heading(problem.name, problem.title), table_lines(map(_row, lines)))
+            show(heading(problem.name, problem.title), table_lines(map(row, lines)))
     if found.interrupted:
         session.note(f"interrupted: the best bound so far is in {path}")
         return Exit.INTERRUPTED
     return Exit.UNSOLVED if found.bound is None else Exit.SOLVED
 
 
-def searched(
-    problem: "Problem",
-    solution: "Solution",
-    seconds: float = 60.0,
-    degree: int | None = None,
-    *,
-    quiet: bool,
-) -> "LowerBound":
-    """Return a lower bound of a problem, its search shown; KeyboardInterrupt where it ends before
-    there is one.
-    """
-    from socp.proof import lower_bound
-
-    with breakable(), progress(messages(), f"{problem.name}, bound", quiet=quiet) as watch:
-        give_way()
-        return lower_bound(problem, solution, seconds, degree, watch)
-
-
-def _row(line: tuple[str, str]) -> Row:
-    label, text = line
-    return Row(label, (((text, Tone.PLAIN),),))
-
-
 def _table(lines: Sequence[tuple[str, str]]) -> Any:
-    return table_lines(map(_row, lines))
+    return table_lines(map(row, lines))
 
 
 def _posed(session: Session, registry: "Registry", asked: Asked) -> "tuple[Problem, Solution]":

@@ -14,6 +14,7 @@ from socp.cli.options import DEFAULT_METHOD, pairs
 from socp.cli.outcome import code, require_option
 from socp.cli.posing import load_posed, named_after, set_option
 from socp.cli.progress import progress
+from socp.cli.proofs import Proofs, proofs_of, provable
 from socp.cli.running import made, run_method
 from socp.cli.session import (
     Exit,
@@ -51,6 +52,8 @@ class Asked:
     live: bool
     strict: bool
     require: str | None
+    prove: bool
+    bound: bool
     as_json: bool
     quiet: bool
 
@@ -110,6 +113,8 @@ class Asked:
     "--strict", is_flag=True, help="Exit code 1 unless the result is certified as an extremal."
 )
 @require_option
+@click.option("--prove", is_flag=True, help="Prove that the extremal exists, as 'socp prove'.")
+@click.option("--bound", is_flag=True, help="Prove a lower bound too, as 'socp bound': a minute.")
 @record_option
 @live_option
 @click.option("--json", "as_json", is_flag=True, help="Write the report as JSON.")
@@ -136,6 +141,8 @@ def solve(session: Session, /, **given: Any) -> int:
     method = made(registry, asked.method, [*asked.shortened(), *pairs(asked.options)])
     problem = load_posed(asked.problem, asked.changes, registry)
     guess = _guess(asked.guess, problem) if asked.guess else default_guess(problem)
+    if asked.prove or asked.bound:
+        provable()
     path = writable(
         Path(asked.out) if asked.out else named_after(problem.name, ".socp.json", asked.changes)
     )
@@ -147,11 +154,13 @@ def solve(session: Session, /, **given: Any) -> int:
             solution = run_method(
                 registry, method, problem, guess, recording_watch(watch, recorder)
             )
-        place = keep(problem, solution, path)
-        session.written.append(place.path)
+        wanted = asked.prove, asked.bound
+        proofs = proofs_of(problem, solution, path, asked=wanted, quiet=asked.quiet)
+        solution, place = proofs.solution, keep(problem, proofs.solution, path)
+        session.written += [place.path, *proofs.certificates]
         recorder.finish(problem, solution)
     with signals_held():
-        _show(problem, solution, place.path, asked)
+        _show(problem, proofs, place.path, asked)
     for line in registry.solved(problem, solution):
         session.warn(line)
     return _ended(session, solution, place, asked)
@@ -171,12 +180,16 @@ def _ended(session: Session, solution: "Solution", place: Place, asked: Asked) -
     return code(solution, strict=asked.strict, required=asked.require)
 
 
-def _show(problem: "Problem", solution: "Solution", path: Path, asked: Asked) -> None:
+def _show(problem: "Problem", proofs: Proofs, path: Path, asked: Asked) -> None:
+    solution = proofs.solution
     told = advice(solution, asked.named(), str(path))
     if asked.as_json:
-        write_json({**facts(problem, solution), "advice": list(told), "result": str(path)})
+        more = {"proofs": proofs.data} if proofs.data else {}
+        found = {**facts(problem, solution), **more}
+        write_json({**found, "advice": list(told), "result": str(path)})
         return
-    show(heading(problem.name, problem.title), report(problem, solution, str(path)), *told)
+    table = report(problem, solution, str(path), proofs.lines)
+    show(heading(problem.name, problem.title), table, *told)
 
 
 def _guess(path: str, problem: "Problem") -> "Solution":
