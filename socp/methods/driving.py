@@ -99,8 +99,8 @@ def _integrated(
     sizes: np.ndarray,
     limits: np.ndarray,
 ) -> np.ndarray:
-    """Return the states (nx, n) of a motion at times (n,); where it leaves its limits (nx,), is cut,
-    or the time allowed ends it, it stays.
+    """Return the states (nx, n) of a motion at times (n,); where it leaves its limits (nx,), is
+    cut, or the time allowed ends it, it stays.
     """
     x = np.repeat(x0[:, None], t.size, axis=1)
     if not np.isfinite(moved(t[0], x0)).all():

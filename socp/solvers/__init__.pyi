@@ -10,7 +10,6 @@ from .contract import NLPPoint as NLPPoint
 from .contract import Reduced as Reduced
 from .contract import Solver as Solver
 from .decompositions import Decomposition as Decomposition
-from .linear import linear_programme as linear_programme
 from .process import Outcome as Outcome
 from .pyomo_model import pyomo_programme as pyomo_programme
 from .pyomo_model import write_nl as write_nl

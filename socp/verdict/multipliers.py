@@ -4,13 +4,12 @@ linear programmes.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import Any, final
 
 import casadi
 import numpy as np
 
 from socp.model import EXTREMAL, ROUNDED, TINY, Condition, Finding
-from socp.solvers import linear_programme
 from socp.verdict import margins
 from socp.verdict.adjoint import AdjointSystem
 from socp.verdict.claims import running_magnitude
@@ -20,6 +19,7 @@ from socp.verdict.nodes import POINTS
 _EXACT = (
     0.1 * EXTREMAL
 )  # what a row may be broken beyond the programme's own figure: the solver is good to 1e-7
+_SETTINGS = {"error_on_fail": False, "print_time": False, "highs": {"output_flag": False}}
 
 
 @final
@@ -163,8 +163,29 @@ def _solved(
     low = np.append(np.full(nz, -np.inf), np.zeros(cost.size - nz))
     box = np.vstack([low, np.full(cost.size, np.inf)])
     limits = np.vstack([np.full(both.size, -np.inf), -sides * offset[both]])
-    found = linear_programme(cost, signed, limits, box)
+    found = _linear_programme(cost, signed, limits, box)
     return None if found is None else (found[:nz] * scale, float(cost @ found))
+
+
+def _linear_programme(
+    cost: np.ndarray, matrix: Any, rows: np.ndarray, box: np.ndarray
+) -> np.ndarray | None:
+    """Return v (n,) of least cost (n,) @ v with rows[0] <= matrix @ v <= rows[1], (2, m), and
+    box[0] <= v <= box[1], (2, n); None where HiGHS finds none.
+
+    HiGHS through casadi, which is here anyway: to import scipy's optimisers takes as long as to
+    solve a problem.
+
+    `matrix` (m, n) is what casadi keeps, sparse where it is.
+    """
+    given, n = casadi.DM(matrix), cost.size
+    shapes = {"a": given.sparsity(), "h": casadi.Sparsity(n, n)}
+    try:
+        solver = casadi.conic("linear", "highs", shapes, _SETTINGS)
+        found = solver(g=cost, a=given, lba=rows[0], uba=rows[1], lbx=box[0], ubx=box[1])
+    except RuntimeError:
+        return None
+    return np.array(found["x"]).ravel() if solver.stats()["success"] else None
 
 
 def _strict(case: Case, z: np.ndarray) -> np.ndarray:
@@ -194,7 +215,7 @@ def _strict(case: Case, z: np.ndarray) -> np.ndarray:
     )
     margin = np.zeros(right.size)
     margin[: offset.size] = 1.0
-    found = linear_programme(
+    found = _linear_programme(
         np.append(np.zeros(z.size), -1.0),
         np.column_stack([left, margin]),
         np.vstack([np.full(right.size, -np.inf), right]),

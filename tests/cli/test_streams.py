@@ -28,14 +28,14 @@ from records import revised
 from socp import Ipopt, Problem, controls, final_time, states
 from socp.cli import main
 from socp.cli.consoles import console
-from socp.cli.session import named_after, writable
+from socp.cli.posing import named_after
+from socp.cli.session import writable
 from socp.cli.streams import Descriptor, parted
 from socp.errors import MethodError, ProblemError, SolveError
 from socp.model.data.files import load
 from socp.model.result.findings import Condition, Node, Place
 from socp.model.result.solution import Stop
 from socp.process import ended_after, write_atomic
-from socp.process.output import output_discarded
 from socp.process.text import file_stem, markdown, markdown_code, one_line, printable
 from socp.solvers.contract import NLP, NLPPoint
 from socp.view.figures import style
@@ -106,8 +106,8 @@ def loud(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """
     calls = list[str]()
 
-    def printing(name: str) -> None:
-        plain = getattr(scipy.optimize, name)
+    def printing(where: Any, name: str) -> None:
+        plain = getattr(where, name)
 
         def solve(*given: Any, **named: Any) -> Any:
             calls.append(name)
@@ -115,10 +115,10 @@ def loud(monkeypatch: pytest.MonkeyPatch) -> list[str]:
             ctypes.CDLL(None).printf(b"Copyright\n")
             return plain(*given, **named)
 
-        monkeypatch.setattr(scipy.optimize, name, solve)
+        monkeypatch.setattr(where, name, solve)
 
-    printing("linprog")
-    printing("milp")
+    printing(casadi, "conic")
+    printing(scipy.optimize, "milp")
     return calls
 
 
