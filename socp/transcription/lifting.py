@@ -218,7 +218,8 @@ def _of_phase(problem: Problem, phase: Phase) -> tuple[casadi.Function, casadi.F
     gradient = casadi.gradient(running + casadi.dot(problem.costate, rate), problem.x)
     given = [problem.x, phase.free, phase.carried, time, problem.p, phase.z]
     control = casadi.Function("control", given, [phase.control])
-    slope = casadi.Function("slope", [*given, problem.costate], [gradient])
+    costate = [] if phase.carried.numel() else [problem.costate]  # a carried one is y
+    slope = casadi.Function("slope", [*given, *costate], [gradient])
     if phase.choice is None:
         known[key] = control, slope
     return control, slope
