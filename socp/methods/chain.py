@@ -10,7 +10,6 @@ from typing import Any
 
 import casadi
 import numpy as np
-import scipy
 
 from socp.errors import ContractError
 from socp.laws import check_laws, independent
@@ -125,10 +124,9 @@ def option_values(method: Method) -> dict[str, Any]:
 
 def versions() -> dict[str, str]:
     """Return the versions of Python, socp and what computes for it."""
-    found = {"python": platform.python_version()}
-    try:
-        found["socp"] = metadata.version("socp")
-    except metadata.PackageNotFoundError:
-        found["socp"] = "unknown"
-    # what packages say themselves: to read their metadata takes as long as to judge a solution
-    return found | {each.__name__: each.__version__ for each in (casadi, np, scipy)}
+    found = {"python": platform.python_version(), "socp": "unknown", "scipy": "unknown"}
+    for name in ("socp", "scipy"):
+        with suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    # these say it themselves: to read the metadata of all takes as long as to judge a solution
+    return found | {each.__name__: each.__version__ for each in (casadi, np)}

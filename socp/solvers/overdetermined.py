@@ -5,10 +5,10 @@ with each other.
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import casadi
 import numpy as np
-from scipy import sparse
 
 from socp.model import Stop
 from socp.process import seconds_left
@@ -49,7 +49,7 @@ def met(nlp: NLP, guess: NLPPoint, most: int) -> NLPPoint:
     system = casadi.Function("system", [nlp.v], [g, slopes])
     every = casadi.Function("all", [nlp.v], [nlp.g, nlp.f])
 
-    def at(part: np.ndarray) -> tuple[np.ndarray, sparse.csc_matrix]:
+    def at(part: np.ndarray) -> tuple[np.ndarray, Any]:
         value, slope = system(_whole(given, free, part))
         return value.full().ravel(), slope.sparse()
 
@@ -81,7 +81,7 @@ def _whole(given: np.ndarray, free: np.ndarray, part: np.ndarray) -> np.ndarray:
 
 
 def _descended(
-    at: Callable[[np.ndarray], tuple[np.ndarray, sparse.csc_matrix]], x: np.ndarray, most: int
+    at: Callable[[np.ndarray], tuple[np.ndarray, Any]], x: np.ndarray, most: int
 ) -> tuple[np.ndarray | None, int]:
     """Return where Gauss-Newton steps lead, and their number; None where values are not finite.
 
@@ -96,7 +96,7 @@ def _descended(
             return None, step
         if square == 0.0 or seconds_left() <= 0.0:
             return x, step
-        move = scale * _step(values, slopes @ sparse.diags(scale))
+        move = scale * _step(values, slopes.multiply(scale[None, :]))
         for share in _SHARES:
             new = x + share * move
             after, turned = at(new)
@@ -110,7 +110,8 @@ def _descended(
     return x, most
 
 
-def _step(values: np.ndarray, slopes: sparse.spmatrix) -> np.ndarray:
+def _step(values: np.ndarray, slopes: Any) -> np.ndarray:
+    from scipy import sparse  # where there are such programmes
     from scipy.sparse.linalg import splu
 
     m, n = slopes.shape

@@ -17,10 +17,10 @@ from typing import Any, final
 
 import casadi
 import numpy as np
-from scipy import sparse
 
 from socp.model import Expr
 from socp.solvers import Derivatives
+from socp.transcription.entries import Entries, Lines
 
 
 @final
@@ -93,63 +93,6 @@ def _entries(matrix: Expr) -> Expr:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Entries:
-    """Entries of a matrix: rows, columns and values (k,) each; those of one place add up."""
-
-    rows: np.ndarray
-    columns: np.ndarray
-    values: np.ndarray
-
-    @classmethod
-    def joined(cls, parts: Sequence["Entries"]) -> "Entries":
-        """Return the entries of all parts."""
-        none = cls(np.empty(0, dtype=int), np.empty(0, dtype=int), np.empty(0))
-        fields = ([getattr(each, name) for each in (none, *parts)] for name in vars(none))
-        return cls(*(np.concatenate(each) for each in fields))
-
-    def moved(self, down: int, right: int) -> "Entries":
-        """Return the same entries so many rows and columns further on."""
-        return Entries(self.rows + down, self.columns + right, self.values)
-
-    def matrix(self, shape: tuple[int, int]) -> casadi.DM:
-        """Return the matrix: casadi's own conversion takes twenty times as long."""
-        found = sparse.csc_matrix((self.values, (self.rows, self.columns)), shape)
-        found.sort_indices()
-        pattern = casadi.Sparsity(*shape, found.indptr.tolist(), found.indices.tolist())
-        return casadi.DM(pattern, found.data.tolist())
-
-    def ordered(self, which: np.ndarray, count: int) -> "_Lines":
-        """Return the entries by their rows or columns, whichever is given, of so many."""
-        order = np.argsort(which, kind="stable")
-        begin = np.append(0, np.cumsum(np.bincount(which, minlength=count)))
-        other = self.columns if which is self.rows else self.rows
-        return _Lines(begin, other[order], self.values[order])
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class _Lines:
-    """The lines of a matrix, one after another: where each begins (lines + 1,), and the places in
-    it and values (k,).
-    """
-
-    begin: np.ndarray
-    places: np.ndarray
-    values: np.ndarray
-
-    def expanded(self, which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return all that stands in the lines `which`: the place in `which` that it belongs to, its
-        place in the line, and its value.
-        """
-        begin, size = self.begin[which], np.diff(self.begin)[which]
-        of = np.repeat(np.arange(which.size), size)
-        inside = np.arange(of.size) - np.repeat(np.cumsum(size) - size, size)
-        at = np.repeat(begin, size) + inside
-        return of, self.places[at], self.values[at]
-
-
-@final
-@dataclass(frozen=True, eq=False)
 class Term:
     """A point function at K points: its arguments are E v (nw K,), a point's next to one
     another, and its values (ny K,) enter the rows by `out` (m, ny K) and the objective by `cost`
@@ -168,40 +111,41 @@ class Term:
         point = parts[0].point
         before = np.cumsum([0, *(each.count for each in parts)])
         nw, ny = point.w.numel(), point.y.numel()
+        count, (m, n) = int(before[-1]), (parts[0].out.shape[0], parts[0].E.shape[1])
         E = [each.E.moved(nw * at, 0) for each, at in zip(parts, before, strict=False)]
         out = [each.out.moved(0, ny * at) for each, at in zip(parts, before, strict=False)]
-        cost = np.concatenate([each.cost for each in parts])
-        return cls(point, int(before[-1]), Entries.joined(E), Entries.joined(out), cost)
+        return cls(
+            point,
+            count,
+            Entries.joined((nw * count, n), E),
+            Entries.joined((m, ny * count), out),
+            np.concatenate([each.cost for each in parts]),
+        )
 
     @cached_property
-    def arguments(self) -> _Lines:
+    def arguments(self) -> Lines:
         """The rows of E."""
-        return self.E.ordered(self.E.rows, self._given)
+        return self.E.by_rows()
 
     def products(self, out: Entries) -> tuple[np.ndarray, ...]:
         """Return the entries of out F' E, rows, columns and factors, and which entries of the
         slopes at the points they come with: a column of `out` and a row of E each.
         """
         rows, columns = self.point.pattern
-        values = self.point.y.numel() * self.count
-        y, w = self._everywhere(rows, values), self._everywhere(columns, self._given)
-        first, row, left = out.ordered(out.columns, values).expanded(y)
+        y, w = self._everywhere(rows, out.shape[1]), self._everywhere(columns, self.E.shape[0])
+        first, row, left = out.by_columns().expanded(y)
         second, column, right = self.arguments.expanded(w[first])
         return row[second], column, left[second] * right, first[second]
 
     def sandwiched(self) -> tuple[np.ndarray, ...]:
         """Return the same of the upper triangle of E' (mu . F'') E."""
         rows, columns = self.point.curved
-        first, row, left = self.arguments.expanded(self._everywhere(rows, self._given))
-        at = self._everywhere(columns, self._given)[first]
+        first, row, left = self.arguments.expanded(self._everywhere(rows, self.E.shape[0]))
+        at = self._everywhere(columns, self.E.shape[0])[first]
         second, column, right = self.arguments.expanded(at)
         row, left, place = row[second], left[second], first[second]
         upper = row <= column
         return row[upper], column[upper], (left * right)[upper], place[upper]
-
-    @property
-    def _given(self) -> int:
-        return int(self.point.w.numel()) * self.count
 
     def _everywhere(self, places: np.ndarray, count: int) -> np.ndarray:
         """Return places within a point as places within all `count`, a point's next to one
@@ -214,15 +158,14 @@ class Term:
 @final
 @dataclass(frozen=True, eq=False)
 class Programme:
-    """Rows and objective as the sum of terms and of what is linear: A (m, n), `shape`."""
+    """Rows and objective as the sum of terms and of what is linear: A (m, n)."""
 
-    shape: tuple[int, int]
     A: Entries
     terms: Sequence[Term]
 
     @cached_property
     def _linear(self) -> casadi.DM:
-        return self.A.matrix(self.shape)
+        return self.A.matrix()
 
     @cached_property
     def _ends(self) -> tuple[np.ndarray, np.ndarray]:
@@ -237,20 +180,18 @@ class Programme:
     def _given(self) -> casadi.DM:
         """All arguments as a matrix on the variables."""
         parts = [t.E.moved(at, 0) for t, at in zip(self.terms, self._ends[0], strict=False)]
-        return Entries.joined(parts).matrix((int(self._ends[0][-1]), self.shape[1]))
+        return Entries.joined((int(self._ends[0][-1]), self.A.shape[1]), parts).matrix()
 
     @cached_property
     def _entering(self) -> casadi.DM:
         """Rows as a matrix on all values, and the objective as one more row."""
-        last = self.shape[0]
-        parts = []
+        last, parts = self.A.shape[0], []
+        shape = last + 1, int(self._ends[1][-1])
         for t, at in zip(self.terms, self._ends[1], strict=False):
             here = np.flatnonzero(t.cost)
-            parts += [
-                t.out.moved(0, at),
-                Entries(np.full(here.size, last), here + at, t.cost[here]),
-            ]
-        return Entries.joined(parts).matrix((last + 1, int(self._ends[1][-1])))
+            cost = Entries(shape, np.full(here.size, last), here + at, t.cost[here])
+            parts += [t.out.moved(0, at), cost]
+        return Entries.joined(shape, parts).matrix()
 
     def _apart(self, values: Any, which: int) -> list[Any]:
         """Return all arguments (0) or values (1) term by term, a column a point."""
@@ -263,7 +204,7 @@ class Programme:
 
     def _whole(self, v: Any, values: Sequence[Any]) -> tuple[Any, Any]:
         """Return objective (1, 1) and rows (m, 1) from variables and the values of all terms."""
-        m = self.shape[0]
+        m = self.A.shape[0]
         found = casadi.mtimes(self._entering, casadi.vertcat(*map(casadi.vec, values)))
         g = casadi.mtimes(self._linear, v) + found[:m]
         return casadi.densify(found[m]), casadi.densify(g)
@@ -277,7 +218,7 @@ class Programme:
     @cached_property
     def derivatives(self) -> Derivatives:
         """Derivatives with respect to the variables, for a solver that takes them."""
-        m, n = self.shape
+        m, n = self.A.shape
         v, p = casadi.MX.sym("v", n), casadi.MX.sym("p", 0)
         lam_f, lam_g = casadi.MX.sym("lam_f"), casadi.MX.sym("lam_g", m)
         given = self._apart(casadi.mtimes(self._given, v), 0)
@@ -286,10 +227,12 @@ class Programme:
         held = self._apart(casadi.mtimes(self._entering.T, casadi.vertcat(lam_g, lam_f)), 1)
         gradient, slopes = _Sum.of((n, 1)), _Sum.of((m, n))
         curvature = _Sum.of((n, n))
-        slopes.parts.append((*vars(self.A).values(), np.zeros(self.A.rows.size, dtype=int)))
+        A, one = self.A, np.zeros(self.A.rows.size, dtype=int)
+        slopes.parts.append((A.rows, A.columns, A.values, one))
         for term, w, (_, J), mu in zip(self.terms, given, sloped, held, strict=True):
             cost = np.flatnonzero(term.cost)
-            in_cost = Entries(np.zeros(cost.size, dtype=int), cost, term.cost[cost])
+            zero, shape = np.zeros(cost.size, dtype=int), (1, term.cost.size)
+            in_cost = Entries(shape, zero, cost, term.cost[cost])
             zero, columns, *rest = term.products(in_cost)
             gradient.add(J, columns, zero, *rest)
             slopes.add(J, *term.products(term.out))
@@ -352,7 +295,7 @@ class _Sum:
         # column after column, as casadi keeps them
         where, entry = np.unique(columns * self.shape[0] + rows, return_inverse=True)
         given = casadi.vertcat(*self.sources)
-        weights = Entries(entry, places, factors).matrix((where.size, given.numel()))
+        weights = Entries((where.size, given.numel()), entry, places, factors).matrix()
         ends = np.searchsorted(where, self.shape[0] * np.arange(self.shape[1] + 1))
         pattern = casadi.Sparsity(*self.shape, ends.tolist(), (where % self.shape[0]).tolist())
         return casadi.MX(pattern, casadi.densify(casadi.mtimes(weights, given)))

@@ -124,10 +124,10 @@ def _defects(grid: Grid, rows: _Rows, k: int) -> slice:
     places = np.vstack([grid.X[:, grid.first[k] : grid.first[k + 1] + 1], grid.Y[k]])
     size = np.append(grid.scale.x, grid.scale.costate[: phase.carried.numel()])
     at = rows.add(size.size * t.A.shape[0], 0.0, 0.0, size)
-    A, of = t.A.tocoo(), np.arange(size.size)[:, None]
-    row = at.start + size.size * A.row[None, :] + of
+    A, of = t.A, np.arange(size.size)[:, None]
+    row = at.start + size.size * A.rows[None, :] + of
     rows.linear.append(
-        (row.ravel(), places[:, A.col].ravel(), (A.data[None, :] / size[:, None]).ravel())
+        (row.ravel(), places[:, A.columns].ravel(), (A.values[None, :] / size[:, None]).ravel())
     )
     return at
 
@@ -139,14 +139,15 @@ def _dynamics(grid: Grid, rows: _Rows, terms: Terms, k: int, defects: slice) -> 
     laws = _laws(grid, k)
     point = _motion(problem, phase, tuple(row for row, *_ in laws))
     ny, K = point.y.numel(), at.size
-    B, of = t.B[:, at].tocoo(), np.arange(nz)[:, None]
-    row = defects.start + nz * B.row[None, :] + of
+    B, of = t.B.chosen(t.weights[t.B.columns] > 0), np.arange(nz)[:, None]
+    row = defects.start + nz * B.rows[None, :] + of
+    point_of = np.searchsorted(at, B.columns)
     size = np.append(grid.scale.x, grid.scale.costate[: phase.carried.numel()])
     entries = [
         (
             row.ravel(),
-            (ny * B.col[None, :] + of).ravel(),
-            (-B.data[None, :] / size[:, None]).ravel(),
+            (ny * point_of[None, :] + of).ravel(),
+            (-B.values[None, :] / size[:, None]).ravel(),
         )
     ]
     for i, (_, low, high, width) in enumerate(laws):

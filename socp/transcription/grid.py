@@ -9,7 +9,8 @@ import casadi
 import numpy as np
 
 from socp.model import Expr
-from socp.transcription.assembly import Entries, Point, Programme, Term
+from socp.transcription.assembly import Point, Programme, Term
+from socp.transcription.entries import Entries
 from socp.transcription.knots import knot_times
 from socp.transcription.mesh import Table
 from socp.transcription.phases import PhasedProblem
@@ -122,7 +123,7 @@ class Terms:
     """Collects the terms of a programme on a grid, those of one point function together."""
 
     grid: Grid
-    found: dict[Point, list[Term]]
+    found: dict[Point, list[tuple[int, Entries, tuple[np.ndarray, ...], np.ndarray]]]
 
     def add(
         self,
@@ -139,8 +140,8 @@ class Terms:
         count = max(sizes) if all(sizes) else 0
         weights = np.zeros(point.y.numel() * count) if cost is None else cost
         if count and point.y.numel():
-            term = Term(point, count, self._linear(given, count), Entries(*out), weights)
-            self.found.setdefault(point, []).append(term)
+            known = self.found.setdefault(point, [])
+            known.append((count, self._linear(given, count), out, weights))
 
     def _linear(self, given: Sequence[Given], count: int) -> Entries:
         """Return E (nw K, n): a point's arguments next to one another."""
@@ -167,7 +168,8 @@ class Terms:
                 data.append(np.ones(places.size))
                 at += each.shape[0]
         row, column, factor = (np.concatenate(each) for each in (rows, columns, data))
-        return Entries(row, column, factor * self.grid.sizes[column])
+        shape = width * count, self.grid.count
+        return Entries(shape, row, column, factor * self.grid.sizes[column])
 
     def programme(
         self, rows: int, linear: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -175,7 +177,16 @@ class Terms:
         """Return the programme of so many rows; `linear` are the entries, in the problem's units,
         of what enters them linearly.
         """
-        A = Entries.joined([Entries(*each) for each in linear])
-        A = Entries(A.rows, A.columns, A.values * self.grid.sizes[A.columns])
-        terms = [Term.joined(parts) for parts in self.found.values()]
-        return Programme((rows, self.grid.count), A, terms)
+        shape = rows, self.grid.count
+        A = Entries.joined(shape, [Entries(shape, *each) for each in linear])
+        A = Entries(shape, A.rows, A.columns, A.values * self.grid.sizes[A.columns])
+        terms = [
+            Term.joined(
+                [
+                    Term(point, count, E, Entries((rows, cost.size), *out), cost)
+                    for count, E, out, cost in parts
+                ]
+            )
+            for point, parts in self.found.items()
+        ]
+        return Programme(A, terms)

@@ -234,7 +234,9 @@ def _costate(layout: Layout, point: NLPPoint, k: int, given: list[np.ndarray]) -
     if point.lam_g is None:
         return costate
     multipliers = point.lam_g[layout.defects[k]].reshape(-1, nx)
-    costate[:, t.collocated] = -(t.B.T @ multipliers).T[:, t.collocated] / t.weights[t.collocated]
+    costate[:, t.collocated] = (
+        -t.B.transposed(multipliers).T[:, t.collocated] / t.weights[t.collocated]
+    )
     length, gradient = point.v[layout.lengths][k], _of_phase(problem, layout.phased.phases[k])[1]
     begins, ends = (_edge(t, multipliers, (length, gradient, given), last) for last in (0, 1))
     inner = {
@@ -260,10 +262,10 @@ def _edge(
     """
     length, gradient, given = flow
     outer, inner = t.at_edges[last]
-    sensitivity: np.ndarray = (outer.T @ multipliers).T
+    sensitivity: np.ndarray = outer.transposed(multipliers).T
     weights = t.edges[last]
     if (weights > 0).all():
-        stage = -(inner.T @ multipliers).T / weights
+        stage = -inner.transposed(multipliers).T / weights
         nodes = t.mesh[last : t.mesh.size - 1 + last]
         at = [*(a[:, nodes] for a in given[:3]), given[3][nodes], *given[4:]]
         (slope,) = numbers(gradient, *at, stage)

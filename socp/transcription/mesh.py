@@ -7,7 +7,6 @@ from itertools import accumulate
 from typing import final
 
 import numpy as np
-from scipy import sparse
 
 from socp.errors import MethodError
 from socp.model import (
@@ -22,6 +21,7 @@ from socp.model import (
     running_function,
     scales,
 )
+from socp.transcription.entries import Entries
 from socp.transcription.schemes import Scheme, Side, lgr
 
 Mesh = Sequence[tuple[float, Scheme]]  # intervals of one phase: (share of its length, scheme)
@@ -46,8 +46,8 @@ class Table:
     """
 
     tau: np.ndarray
-    A: sparse.csr_matrix
-    B: sparse.csr_matrix
+    A: Entries
+    B: Entries
     weights: np.ndarray
     mesh: np.ndarray
     edges: np.ndarray
@@ -59,19 +59,17 @@ class Table:
         return np.flatnonzero(self.weights > 0)
 
     @cached_property
-    def at_edges(self) -> list[tuple[sparse.csr_matrix, sparse.csr_matrix]]:
+    def at_edges(self) -> list[tuple[Entries, Entries]]:
         """The parts (m, k) of A and B that act on the first nodes of the intervals, and those that
         act on the last.
         """
         return [(self._at(self.A, last), self._at(self.B, last)) for last in (0, 1)]
 
-    def _at(self, matrix: sparse.csr_matrix, last: int) -> sparse.csr_matrix:
-        entries = matrix.tocoo()
-        interval = np.searchsorted(self.mesh, entries.row, side="right") - 1
-        here = entries.col == self.mesh[interval + last]
-        return _sparse(
-            entries.data * here, entries.row, interval, (matrix.shape[0], self.mesh.size - 1)
-        )
+    def _at(self, matrix: Entries, last: int) -> Entries:
+        interval = np.searchsorted(self.mesh, matrix.rows, side="right") - 1
+        here = matrix.columns == self.mesh[interval + last]
+        shape = matrix.shape[0], self.mesh.size - 1
+        return Entries(shape, matrix.rows[here], interval[here], matrix.values[here])
 
 
 def table(mesh: Mesh) -> Table:
@@ -98,7 +96,8 @@ def _joined(mesh: tuple[tuple[float, Scheme], ...]) -> Table:
         entries.append((row, column, scheme.A.ravel(), shares[k] / 2.0 * scheme.B.ravel()))
     tau[-1] = 1.0
     rows, columns, a, b = (np.concatenate(part) for part in zip(*entries, strict=True))
-    A, B = (_sparse(data, rows, columns, (corners[-1], tau.size)) for data in (a, b))
+    shape = int(corners[-1]), tau.size
+    A, B = (Entries(shape, rows, columns, data).chosen(data != 0) for data in (a, b))
     edges = shares / 2.0 * np.array([scheme.weights[[0, -1]] for _, scheme in mesh]).T
     return Table(tau, A, B, weights, corners, edges, mesh[0][1].side)
 
@@ -122,13 +121,6 @@ def _check(mesh: Mesh) -> None:
                 f"mesh: {mesh[0][1].name} and {scheme.name} collocate different ends; use one of "
                 "them"
             )
-
-
-def _sparse(
-    data: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]
-) -> sparse.csr_matrix:
-    kept = data != 0
-    return sparse.csr_matrix((data[kept], (rows[kept], columns[kept])), shape)
 
 
 _GROWTH = (

@@ -178,7 +178,7 @@ def test_a_table_differentiates_and_integrates_piecewise(data: Any) -> None:
     left = ends[:-1] + shares / 2 * np.array([s.weights @ (s.nodes + 1) / 2 for _, s in mesh])
     assert joined.weights @ joined.tau == pytest.approx(shares @ left)  # interval by interval
     np.testing.assert_allclose(
-        joined.A @ joined.tau, joined.B @ np.ones(joined.tau.size), atol=1e-12
+        joined.A.array() @ joined.tau, joined.B.array() @ np.ones(joined.tau.size), atol=1e-12
     )
     assert joined.A.shape == joined.B.shape == (joined.tau.size - 1, joined.tau.size)
     assert (joined.weights[joined.collocated] > 0).all()
@@ -207,8 +207,8 @@ def edges_by_hand(joined: Table, dense: np.ndarray, last: int) -> np.ndarray:
 def test_what_a_table_says_of_the_edges_of_its_intervals(scheme: Scheme, last: int) -> None:
     joined = table([(1, scheme), (2, scheme), (1.5, scheme)])
     for matrix, edge in zip((joined.A, joined.B), joined.at_edges[last], strict=True):
-        by_hand = edges_by_hand(joined, matrix.toarray(), last)
-        np.testing.assert_array_equal(edge.toarray(), by_hand)
+        by_hand = edges_by_hand(joined, matrix.array(), last)
+        np.testing.assert_array_equal(edge.array(), by_hand)
     total = np.zeros(joined.tau.size)
     total[joined.mesh[:-1]] += joined.edges[0]
     total[joined.mesh[1:]] += joined.edges[1]

@@ -11,7 +11,6 @@ from typing import final
 
 import casadi
 import numpy as np
-from scipy.linalg import qr
 
 from socp.laws import probes
 from socp.laws.conservation.quantities import conserved
@@ -228,6 +227,8 @@ def _redundant(ways: _Ends) -> dict[Expr, tuple[float | None, float | None]]:
     among = dependences[:, k : k + count]
     if not among.size or np.abs(among).max() <= _RANK**0.5:
         return {}
+    from scipy.linalg import qr  # where there are such
+
     _, triangle, order = qr(among, mode="economic", pivoting=True)
     rank = int((np.abs(np.diag(triangle)) > _RANK**0.5 * abs(triangle[0, 0])).sum())
     found: dict[Expr, tuple[float | None, float | None]] = {}

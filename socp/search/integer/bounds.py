@@ -186,7 +186,7 @@ def _overshoot(t: Table) -> float:
     The state is that of the nearer end plus the length times coefficients times rates; the
     coefficients sum to the distance from that end.
     """
-    A, B = t.A.toarray(), t.B.toarray()
+    A, B = t.A.array(), t.B.array()
     forward = np.linalg.solve(A[:, 1:], B)
     backward = np.linalg.solve(A[:, :-1], B)
     ahead = np.append(0.0, np.maximum(-forward, 0.0).sum(axis=1))
