@@ -12,9 +12,8 @@ import casadi
 import numpy as np
 
 from socp.model import SAME_TIME, Arc, Problem, Solution, column, numbers, once, time
-from socp.transcription.branches import decided
 from socp.transcription.cutting import part
-from socp.transcription.kinks import kinks
+from socp.transcription.kinks import decided, kinks
 from socp.transcription.mesh import Mesh, uniform
 from socp.transcription.phases import Phase, PhasedProblem
 from socp.transcription.schemes import Scheme

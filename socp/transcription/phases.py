@@ -10,7 +10,7 @@ import numpy as np
 
 from socp import laws
 from socp.model import Expr, Mode, Modes, Problem, Word, column, of_motion, once, time
-from socp.transcription.branches import decided
+from socp.transcription.kinks import decided
 
 _ROUNDING = 1e-12  # of the start's values: what an entry condition leaves there that they meet
 

@@ -5,7 +5,7 @@ conditions.
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate, pairwise
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
@@ -170,15 +170,20 @@ def word_problem(problem: Problem, solution: Solution, points: int) -> WordProbl
     is no word, or an arc has no length.
     """
     known = cached(problem, word_problem)  # the judge, polish and the second order ask in turns
-    values = [
-        (arc.modes, arc.side, *(each.tobytes() for each in _arrays(arc))) for arc in solution.arcs
-    ]
-    key = (points, solution.objective, *solution.parameters.items(), *values)
+    key = points, *values_of(solution)
     if key not in known:
         for old in list(known)[: 1 - _KEPT]:
             del known[old]
         known[key] = _laid(problem, solution, points)
     return known[key]
+
+
+def values_of(solution: Solution) -> tuple[Any, ...]:
+    """Return all values of a solution, as what a problem keeps of it is kept by."""
+    arcs = (
+        (arc.modes, arc.side, *(each.tobytes() for each in _arrays(arc))) for arc in solution.arcs
+    )
+    return solution.objective, *solution.parameters.items(), *arcs
 
 
 def _arrays(arc: Arc) -> list[np.ndarray]:

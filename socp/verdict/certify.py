@@ -27,11 +27,12 @@ from socp.model import (
     Problem,
     Solution,
     Verdict,
+    cached,
     digits_of,
 )
 from socp.process import one_thread
 from socp.verdict import claims, estimates, margins
-from socp.verdict.accuracy import sharpened
+from socp.verdict.accuracy import sharpened, values_of
 from socp.verdict.adjoint import AdjointSystem, Ends, condense, unknowns_of
 from socp.verdict.conditions import conditions
 from socp.verdict.junctions import chattering
@@ -245,6 +246,21 @@ def certified(problem: Problem, solution: Solution) -> Solution:
     """
     # what was proved, was proved of what was judged before
     solution = with_statement(problem, solution).with_judgement(proofs=())
+    # a search ends with what it has judged, which is asked for again in the end
+    known: dict[tuple[Any, ...], Solution] = cached(problem, certified)
+    if found := known.get(values_of(solution)):
+        own = found.judgement
+        return solution.with_judgement(
+            structure=own.structure, verified=own.verified, verdict=own.verdict
+        )
+    judged = _certified(problem, solution)
+    if judged.extremal:
+        known.clear()
+        known[values_of(judged)] = judged
+    return judged
+
+
+def _certified(problem: Problem, solution: Solution) -> Solution:
     stated, problem = completed(problem), independent(problem)
     values = [each for arc in solution.arcs for each in (arc.x, arc.u)]
     values.append(np.array(list(solution.parameters.values()), dtype=float))

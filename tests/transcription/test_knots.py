@@ -7,7 +7,7 @@ from casadi import fabs, fmax, fmin, pw_const, pw_lin, sin
 
 from socp import Problem, controls, states, time
 from socp.transcription import cut_at_knots, euler, follow, knot_times, knotted, lgr, uniform
-from socp.transcription.branches import decided
+from socp.transcription.kinks import decided
 
 x = states("x")
 u = controls("u")

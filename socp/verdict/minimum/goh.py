@@ -30,7 +30,7 @@ from socp.model import (
 from socp.transcription import Phase, Shooting, follow
 from socp.verdict.minimum.induced import WEAK, Induced, Pair
 from socp.verdict.minimum.stages import gauss, stages
-from socp.verdict.minimum.variation import Quadratic, reference, singular_places
+from socp.verdict.minimum.variation import Quadratic, quadratic, reference, singular_places
 
 _NODES = 5  # Gauss points of a piece: the motion to order 10, and w of degree 4
 _PIECES = (1, 2, 4)  # of every interval of the mesh: each matrix contains the one before it
@@ -85,7 +85,7 @@ def _quadratics(problem: Problem, pair: Pair) -> tuple[Quadratic, ...] | str:
     if any(phase.carried.numel() for phase in phases):
         return "a law beside the singular control needs the costate"
     return tuple(
-        Quadratic(problem, phase, place) for phase, place in zip(phases, places, strict=True)
+        quadratic(problem, phase, place) for phase, place in zip(phases, places, strict=True)
     )
 
 

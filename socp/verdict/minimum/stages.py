@@ -1,5 +1,7 @@
 """Linear motions by the method of Gauss, many at once."""
 
+from functools import cache
+
 import numpy as np
 
 
@@ -18,6 +20,7 @@ def stages(
     return inside, y + step * np.einsum("j,jak->ak", weights, slopes)
 
 
+@cache
 def gauss(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return nodes (s,), weights (s,) and matrix (s, s) of the Gauss method on [0, 1] (Hairer,
     Norsett, Wanner, Solving ODEs I, II.7).

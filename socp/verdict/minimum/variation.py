@@ -17,12 +17,12 @@ takes N B to be symmetric, which is Goh's condition: else v enters the form besi
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import Any, final
 
 import casadi
 import numpy as np
 
-from socp.model import Expr, Problem, numbers, once, parameters_of, time
+from socp.model import Expr, Problem, cached, numbers, of_motion, once, parameters_of, time
 from socp.transcription import Phase, Shooting
 from socp.verdict.minimum.induced import Induced
 
@@ -157,6 +157,16 @@ class Quadratic:
         at = [casadi.densify(casadi.substitute(each, r, 1)) for each in found]
         given = [problem.x, phase.free, problem.costate, time, problem.p]
         return casadi.Function("quadratic", given, at)
+
+
+@of_motion
+def quadratic(problem: Problem, phase: Phase, free: tuple[int, ...]) -> Quadratic:
+    """Return the coefficients of a phase, built once for all arcs of its modes."""
+    known: dict[tuple[Any, ...], Quadratic] = cached(problem, quadratic)
+    found = known.get(key := (phase.modes, phase.when, free))
+    if found is None or not casadi.is_equal(found.phase.control, phase.control):
+        known[key] = found = Quadratic(problem, phase, free)
+    return found
 
 
 def singular_places(shooting: Shooting) -> list[tuple[int, ...]]:
