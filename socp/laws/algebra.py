@@ -2,6 +2,8 @@
 and regular.
 """
 
+from functools import reduce
+from operator import mul
 from typing import Any, final
 
 import casadi
@@ -202,10 +204,9 @@ def _shared(left: Powers, right: Powers) -> Powers:
 
 
 def _product(powers: Powers) -> Expr:
-    above, below = casadi.SX(1), casadi.SX(1)
-    for factor, power in powers.values():
-        if power > 0:
-            above *= factor**power
-        else:
-            below *= factor ** (-power)
-    return above / below
+    above, below = (
+        [f if abs(n) == 1 else f ** abs(n) for f, n in powers.values() if sign * n > 0]
+        for sign in (1, -1)
+    )
+    over = reduce(mul, above, casadi.SX(1)) if len(above) != 1 else above[0]
+    return over / reduce(mul, below) if below else over

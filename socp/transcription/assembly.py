@@ -223,7 +223,7 @@ class Programme:
         lam_f, lam_g = casadi.MX.sym("lam_f"), casadi.MX.sym("lam_g", m)
         given = self._apart(casadi.mtimes(self._given, v), 0)
         sloped = [t.point.at("slopes", t.count)(w) for t, w in zip(self.terms, given, strict=True)]
-        f, g = self._whole(v, [y for y, _ in sloped])
+        both, (_, g) = self.values(v), self._whole(v, [y for y, _ in sloped])
         held = self._apart(casadi.mtimes(self._entering.T, casadi.vertcat(lam_g, lam_f)), 1)
         gradient, slopes = _Sum.of((n, 1)), _Sum.of((m, n))
         curvature = _Sum.of((n, n))
@@ -242,8 +242,8 @@ class Programme:
         at, names = [v, p], ["x", "p"]
         steep, slope = casadi.densify(gradient.matrix()), slopes.matrix()
         return Derivatives(
-            nlp=casadi.Function("nlp", at, list(self.values(v)), names, ["f", "g"]),
-            grad_f=casadi.Function("nlp_grad_f", at, [f, steep], names, ["f", "grad_f_x"]),
+            nlp=casadi.Function("nlp", at, list(both), names, ["f", "g"]),
+            grad_f=casadi.Function("nlp_grad_f", at, [both[0], steep], names, ["f", "grad_f_x"]),
             jac_g=casadi.Function("nlp_jac_g", at, [g, slope], names, ["g", "jac_g_x"]),
             hess_lag=casadi.Function(
                 "nlp_hess_l",

@@ -87,18 +87,23 @@ def _joined(mesh: tuple[tuple[float, Scheme], ...]) -> Table:
     ends = np.append(0.0, np.cumsum(shares))
     corners = np.array(list(accumulate((s.nodes.size - 1 for _, s in mesh), initial=0)))
     tau, weights = np.zeros(corners[-1] + 1), np.zeros(corners[-1] + 1)
+    edges = np.zeros((2, len(mesh)))
     entries: list[tuple[np.ndarray, ...]] = []
-    for k, (_, scheme) in enumerate(mesh):
-        here = slice(corners[k], corners[k + 1] + 1)
-        tau[here] = ends[k] + shares[k] * (scheme.nodes + 1.0) / 2.0
-        weights[here] += shares[k] / 2.0 * scheme.weights
-        row, column = (place.ravel() + corners[k] for place in np.indices(scheme.A.shape))
-        entries.append((row, column, scheme.A.ravel(), shares[k] / 2.0 * scheme.B.ravel()))
-    tau[-1] = 1.0
+    schemes = [scheme for _, scheme in mesh]
+    for scheme in dict.fromkeys(schemes):
+        which = np.flatnonzero([each is scheme for each in schemes])
+        size, first = shares[which, None] / 2.0, corners[which, None]
+        here = first + np.arange(scheme.nodes.size)
+        tau[here] = ends[which, None] + size * (scheme.nodes + 1.0)
+        np.add.at(weights, here, size * scheme.weights)
+        edges[:, which] = (size * scheme.weights[[0, -1]]).T
+        row, column = ((first + place.ravel()).ravel() for place in np.indices(scheme.A.shape))
+        a = np.tile(scheme.A.ravel(), which.size)
+        entries.append((row, column, a, (size * scheme.B.ravel()).ravel()))
+    tau[corners[:-1]], tau[-1] = ends[:-1], 1.0
     rows, columns, a, b = (np.concatenate(part) for part in zip(*entries, strict=True))
     shape = int(corners[-1]), tau.size
     A, B = (Entries(shape, rows, columns, data).chosen(data != 0) for data in (a, b))
-    edges = shares / 2.0 * np.array([scheme.weights[[0, -1]] for _, scheme in mesh]).T
     return Table(tau, A, B, weights, corners, edges, mesh[0][1].side)
 
 
