@@ -248,7 +248,6 @@ def _ports(
     )
 
 
-@once
 def fast(function: casadi.Function) -> Callable[..., np.ndarray]:
     """Return a function of numpy arrays for a casadi function of one dense output column, quick to
     call at one point after another.

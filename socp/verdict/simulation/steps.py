@@ -87,13 +87,18 @@ class Steps:
         t = min(t, self._latest)
         return self._call(y[:-1], self._plan(np.array([t]))[:, 0], t, self._p)
 
+    def _once(self, t: float, y: np.ndarray) -> np.ndarray:
+        """Return the same without what a quick function takes to be built."""
+        at = np.array([min(t, self._latest)])
+        return numbers(self._flow, y[:-1], self._plan(at), at, self._p)[0][:, 0]
+
     def _first(self) -> float:
         """Return a length for the first step, from how large rates are and how fast they change."""
         scale = self._atol + np.abs(self.y) * self._rtol
-        whole, rate = self._end - self.t, self.rate(self.t, self.y)
+        whole, rate = self._end - self.t, self._once(self.t, self.y)
         size, speed = _norm(self.y / scale), _norm(rate / scale)
         small = min(1e-6 if size < 1e-5 or speed < 1e-5 else 0.01 * size / speed, whole)
-        turned = self.rate(self.t + small, self.y + small * rate)
+        turned = self._once(self.t + small, self.y + small * rate)
         bent = _norm((turned - rate) / scale / small)
         if speed <= 1e-15 and bent <= 1e-15:
             other = max(1e-6, small * 1e-3)
