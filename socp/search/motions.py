@@ -9,15 +9,27 @@ import numpy as np
 
 from socp.errors import LateError, SolveError
 from socp.methods import solve_collocated
-from socp.model import FEASIBLE, Arc, Problem, Solution, Watch, legendre_coefficients, once, silent
+from socp.model import (
+    APPROXIMATE,
+    FEASIBLE,
+    Arc,
+    Problem,
+    Solution,
+    Stop,
+    Watch,
+    legendre_coefficients,
+    once,
+    silent,
+)
 from socp.process import in_time
 from socp.solvers import Backend
-from socp.transcription import knotted, radau_iia, single_phase
+from socp.transcription import Mesh, equidistributed, knotted, radau_iia, single_phase
 from socp.verdict import moved, verify
 
 # Intervals with held controls, and points on each: what is lost goes with an interval's square, and
-# the motion is integrated to the digits of what it is compared with
-_HELD, _POINTS = 200, 3
+# the motion is integrated to the digits of what it is compared with; where it is not, as it is
+# stiff or unstable, with more points on intervals that are short where it is fast
+_HELD, _POINTS, _MORE_POINTS = 200, 3, 5
 _TOLERANCE = 1e-7  # a direct solution is compared by its re-integration
 _ITERATIONS = 150  # from a solution nearby it takes some ten
 
@@ -31,9 +43,23 @@ def held_solution(
     It does what it claims, as its motion is of high order and its controls have no slopes, and does
     not ring along singular arcs.
     """
-    mesh = knotted(problem, radau_iia(_POINTS), _HELD)
-    phased = single_phase(problem).with_phases(held=True)
+    how = problem, backend, watch
+    found = _held_on(how, knotted(problem, radau_iia(_POINTS), _HELD), known)
+    if found is not None and found.stop is Stop.INTERRUPTED:
+        return found
+    solved = found is not None and found.stop.ok
+    if solved and verify(problem, found)[0].off <= APPROXIMATE:
+        return found
+    start = found if solved else known
+    again = _held_on(how, equidistributed(problem, radau_iia(_MORE_POINTS), _HELD, start), start)
+    better = again is not None and (again.stop.ok or again.stop is Stop.INTERRUPTED)
+    return again if better else found
+
+
+def _held_on(how: tuple[Problem, Backend, Watch], mesh: Mesh, known: Solution) -> Solution | None:
+    problem, backend, watch = how
     patient = backend.within(_TOLERANCE).limited(_ITERATIONS).nearby()
+    phased = single_phase(problem).with_phases(held=True)
     try:
         return solve_collocated(phased, [mesh], patient, known, watch)
     except SolveError:

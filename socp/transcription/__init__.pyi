@@ -8,6 +8,7 @@ from .dormand_prince import DOP853_THROUGH as DOP853_THROUGH
 from .dormand_prince import DOP853_TIMES as DOP853_TIMES
 from .kinks import smooth as smooth
 from .knots import cut_at_knots as cut_at_knots
+from .knots import equidistributed as equidistributed
 from .knots import knot_times as knot_times
 from .knots import knotted as knotted
 from .linearised import Linearised as Linearised

@@ -11,7 +11,7 @@ from itertools import pairwise
 import casadi
 import numpy as np
 
-from socp.model import SAME_TIME, Arc, Problem, Solution, column, numbers, once, time
+from socp.model import SAME_TIME, TINY, Arc, Problem, Solution, column, numbers, once, time
 from socp.transcription.cutting import part
 from socp.transcription.kinks import decided, kinks
 from socp.transcription.mesh import Mesh, uniform
@@ -74,6 +74,35 @@ def knotted(problem: Problem, scheme: Scheme, intervals: int) -> Mesh:
         count = max(1, round(share * intervals))
         mesh += [(share / count, scheme)] * count
     return mesh
+
+
+def equidistributed(problem: Problem, scheme: Scheme, intervals: int, solution: Solution) -> Mesh:
+    """Return a mesh of the horizon of a solution with about so many intervals, each of which holds
+    as much of its time, of what its controls vary and of what its states do, a third each, with a
+    node at every knot.
+
+    It is fine where a solution moves fast and switches (de Boor, Lecture Notes in Mathematics 363,
+    1974, doi:10.1007/BFb0069121).
+    """
+    t, x, u = solution.t, solution.rows("x"), solution.rows("u")
+    spans = np.diff(t)
+    mass = sum(each / max(each.sum(), TINY) for each in (spans, _varied(x), _varied(u)))
+    total = np.append(0.0, np.cumsum(mass))
+    ends = np.interp(np.linspace(0.0, total[-1], intervals + 1), total, t)
+    inside = [time for time in knot_times(problem) if t[0] < time < t[-1]]
+    ends = np.union1d(ends, inside)
+    shares = np.diff(ends) / (t[-1] - t[0])
+    return [(share, scheme) for share in shares.tolist() if share > SAME_TIME]
+
+
+def _varied(rows: np.ndarray) -> np.ndarray:
+    """Return how much rows (k, n) vary between nodes (n - 1,), each relative to its range, with
+    half of it beside: a switch is somewhere near where a grid shows it.
+    """
+    size = np.maximum(np.ptp(rows, axis=1, keepdims=True), TINY)
+    steps = np.abs(np.diff(rows, axis=1) / size).max(axis=0)
+    found: np.ndarray = np.convolve(steps, (0.25, 0.5, 0.25), mode="same")
+    return found
 
 
 def cut_at_knots(

@@ -24,8 +24,8 @@ from socp.model import Word
 from socp.process import time_limit
 from socp.search import Search, conclude, conclusion, with_agreement
 from socp.search.budget import lead
-from socp.search.motions import own_motion
-from socp.transcription import euler, radau_iia
+from socp.search.motions import held_solution, own_motion
+from socp.transcription import equidistributed, euler, radau_iia
 from socp.verdict import certified, verify
 
 x, v = states("x v")
@@ -129,3 +129,33 @@ def test_a_round_begins_with_what_the_judge_misses_in_the_best_word() -> None:
     idle = Search()
     lead(GROWTH, idle)
     assert idle.count == 0
+
+
+def test_held_controls_do_what_they_claim_where_motion_is_fast_at_first() -> None:
+    fast = Problem(
+        name="fast at first",
+        running=v,
+        dynamics={x: -100 * x * x + u, v: x - v},
+        bounds={u: (0, 1), x: (0, None)},
+        start={x: 1, v: 0},
+        final_time=20,
+    )
+    found = held_solution(fast, direct(fast, euler(), 50), Ipopt())
+    assert found is not None
+    assert found.stop.ok
+    assert verify(fast, found)[0].off <= 1e-6  # on a uniform grid of as many intervals: 0.2
+    # without control x is 1 / (1 + 100 t), and what has come into v is its integral
+    spent = found.objective + found.rows("x")[1, -1]
+    assert spent == pytest.approx(np.log1p(100 * 20) / 100, rel=1e-4)
+
+
+def test_equal_shares_of_a_motion_are_short_where_it_is_fast() -> None:
+    known = direct(RETURN, euler(), 40)  # two arcs, one switch
+    (arc,), t = known.arcs, known.t
+    mesh = equidistributed(RETURN, euler(), 30, known)
+    shares = np.array([share for share, _ in mesh])
+    assert shares.sum() == pytest.approx(1)
+    switch = t[np.argmax(np.abs(np.diff(arc.u[0])))] / t[-1]
+    ends = np.append(0.0, np.cumsum(shares))
+    assert abs(0.5 * (ends[np.argmin(shares)] + ends[np.argmin(shares) + 1]) - switch) < 2 / 40
+    assert shares.min() < 1 / 40 / 3
