@@ -28,8 +28,8 @@ from socp.verdict import moved, verify
 
 # Intervals with held controls, and points on each: what is lost goes with an interval's square, and
 # the motion is integrated to the digits of what it is compared with; where it is not, as it is
-# stiff or unstable, with more points on intervals that are short where it is fast
-_HELD, _POINTS, _MORE_POINTS = 200, 3, 5
+# stiff or unstable, as many in all on intervals of higher order that are short where it is fast
+_HELD, _FAST = (200, 3), (120, 5)
 _TOLERANCE = 1e-7  # a direct solution is compared by its re-integration
 _ITERATIONS = 150  # from a solution nearby it takes some ten
 
@@ -44,14 +44,15 @@ def held_solution(
     not ring along singular arcs.
     """
     how = problem, backend, watch
-    found = _held_on(how, knotted(problem, radau_iia(_POINTS), _HELD), known)
-    if found is not None and found.stop is Stop.INTERRUPTED:
-        return found
-    solved = found is not None and found.stop.ok
-    if solved and verify(problem, found)[0].off <= APPROXIMATE:
-        return found
-    start = found if solved else known
-    again = _held_on(how, equidistributed(problem, radau_iia(_MORE_POINTS), _HELD, start), start)
+    (count, points), (fewer, more) = _HELD, _FAST
+    found = _held_on(how, knotted(problem, radau_iia(points), count), known)
+    if found is not None:
+        if found.stop is Stop.INTERRUPTED:
+            return found
+        if found.stop.ok and verify(problem, found)[0].off <= APPROXIMATE:
+            return found
+    start = found if found is not None and found.stop.ok else known
+    again = _held_on(how, equidistributed(problem, radau_iia(more), fewer, start), start)
     better = again is not None and (again.stop.ok or again.stop is Stop.INTERRUPTED)
     return again if better else found
 
