@@ -10,9 +10,9 @@ from typing import final
 
 from socp.errors import SolveError
 from socp.methods import descended, motions, scouts_from_motions, solve_directly
-from socp.model import Problem, Solution, Stop, Watch, silent, staged
+from socp.model import FEASIBLE, Problem, Solution, Stop, Watch, silent, staged
 from socp.process import seconds_left, time_limit
-from socp.search.effort import Ration, Search, along_words, off, precedes
+from socp.search.effort import FAR, Ration, Search, along_words, off, precedes
 from socp.search.motions import held_solution, own_motion
 from socp.search.neighbours import word_of
 from socp.search.refinement import refine, try_words
@@ -168,15 +168,34 @@ def _round(
 def _held(
     problem: Problem, directs: Sequence[Solution], backend: Backend, watch: Watch
 ) -> list[Solution]:
-    """Return what the best direct solution comes to with held controls, nothing where that
-    fails.
+    """Return what direct solutions come to with held controls, those that claim far less than the
+    best one first: of a motion that no grid has followed theirs may be wrong in digits alone.
+    Nothing where that fails.
     """
+    found: list[Solution] = []
     with time_limit(_HOLDING * seconds_left()):
-        best = next((each for each in _starts(problem, directs) if each.stop.ok), None)
-        found = None if best is None else held_solution(problem, best, backend, watch)
-    if found is not None and found.stop is Stop.INTERRUPTED:
-        raise KeyboardInterrupt
-    return [found] if found is not None and found.stop.ok else []
+        solved = [each for each in directs if each.stop.ok]
+        best = next((each for each in _starts(problem, solved) if each.stop.ok), None)
+        for start in [] if best is None else [*_claiming(best, solved), best]:
+            held = held_solution(problem, start, backend, watch)
+            if held is not None and held.stop is Stop.INTERRUPTED:
+                raise KeyboardInterrupt
+            if held is not None and held.stop.ok:
+                found.append(held)
+                if off(own_motion(problem, held)) <= FEASIBLE:
+                    break
+    return found
+
+
+def _claiming(best: Solution, solved: Sequence[Solution]) -> list[Solution]:
+    """Return the direct solution of the finer grids that claims least, where that is far less than
+    the best one reaches.
+    """
+    finest = max(each.t.size for each in solved)
+    fine = [each for each in solved if 2 * each.t.size >= finest]
+    least = min(fine, key=lambda each: each.objective)
+    less = best.reached - least.objective > FAR * abs(least.objective)
+    return [least] if less else []
 
 
 def _done(problem: Problem, search: Search) -> bool:

@@ -23,7 +23,7 @@ from socp.model import (
     silent,
 )
 from socp.process import overtime, seconds_left, time_limit
-from socp.search.effort import Ration, Search, clearly, off, precedes
+from socp.search.effort import FAR, Ration, Search, clearly, off, precedes
 from socp.search.motions import held_solution, own_motion
 from socp.search.refinement import refine
 from socp.solvers import Backend, default_backend
@@ -33,9 +33,6 @@ from socp.verdict import certified, chattering, graded, judge, verify
 # Iterations times variables from a point that betters a certified one: half of what a search may do
 _FURTHER = 5e5
 _WORDS = 20  # words tried there
-# Of the objective: a coarse grid that claims so much less than a certified solution is worth a
-# finer one
-_FAR = 0.05
 _STEPS = 800, 400  # of finer grids, after 20 to 200 intervals of the first solves
 _JUDGED = 2.0  # times what the solution before it took: solving and judging another one
 # Seconds, where the time is over: what is returned is known by the motion of its own control, which
@@ -161,7 +158,7 @@ def pursue(
     less = [
         each
         for each in directs
-        if each.stop.ok and best.objective - each.objective > _FAR * abs(each.objective)
+        if each.stop.ok and best.objective - each.objective > FAR * abs(each.objective)
     ]
     if less and better_point(problem, search, directs) is None:
         first = min(less, key=lambda each: each.objective)

@@ -16,6 +16,9 @@ _SETUP = 10  # iterations that building a programme is worth
 # Relative: objectives of one word that differ by less are the same solution of it
 _BETTER = 1e-7
 _ALIKE = 1e-3  # relative: objectives of one solution on two grids differ by as much
+# Of the objective: a coarse grid that claims so much less than the best solution is worth a closer
+# look
+FAR = 0.05
 # Times how far a re-integration is off: what that may be worth in the objective, relative as well
 _WORTH = 3.0
 _TOLERANCE = 1e-11  # along words: what is certified should not be off by the solver's tolerance
