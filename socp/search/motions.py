@@ -41,7 +41,8 @@ def held_solution(
     is known; None where that fails.
 
     It does what it claims, as its motion is of high order and its controls have no slopes, and does
-    not ring along singular arcs.
+    not ring along singular arcs. Where equal intervals do not, as motion is fast at times or
+    unstable, they are chosen by how much it moves.
     """
     how = problem, backend, watch
     (count, points), (fewer, more) = _HELD, _FAST
