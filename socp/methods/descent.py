@@ -16,7 +16,7 @@ import casadi
 import numpy as np
 
 from socp.errors import LateError
-from socp.methods.driving import motions
+from socp.methods.driving import horizons, motions
 from socp.methods.guess import guess_of
 from socp.model import (
     APPROXIMATE,
@@ -42,6 +42,7 @@ _ROUNDS, _FIRMER = 4, 4.0
 _WEIGHT = 1e3
 _ITERATIONS = 50  # of a round; they are cheap, and far from a solution the first ones do most
 _BROKEN = 1e-6  # relative: a step of which Newton's method leaves more is none
+_NEWTON = {"error_on_fail": False, "max_iter": 12}  # what takes more leaps about
 _LOST = 1e6  # of the objective's magnitude: what a control is worth whose motion breaks down
 
 
@@ -183,8 +184,15 @@ class _Descent:
         problem = self.problem
         times = np.array([problem.initial_time_box, problem.final_time_box]).T
         held = np.tile(problem.box, _HELD)
+        times[0, 1] = max(times[0, 1], self._shortest)
         limits = np.hstack([problem.start_box, problem.parameter_box, times, held])
         return np.asarray(limits / self.sizes)
+
+    @property
+    def _shortest(self) -> float:
+        """The least final time of a guess with the least of all horizons."""
+        near, shortest = self.scale.near, min(horizons(self.problem))
+        return near.initial_time + shortest * self.scale.time if near else -np.inf
 
     @cached_property
     def functions(self) -> tuple[casadi.Function, casadi.Function]:
@@ -266,7 +274,7 @@ class _Descent:
         placed = casadi.reshape(inner * sizes, nx, count)
         residual = casadi.reshape(casadi.substitute(defects, stages, placed), -1, 1) / sizes
         function = casadi.Function("r", [inner, *given], [residual])
-        newton = casadi.rootfinder("step", "fast_newton", function, {"error_on_fail": False})
+        newton = casadi.rootfinder("step", "fast_newton", function, _NEWTON)
         ends = casadi.Function("end", [stages, *given], [stages[:, -1], cost])
         X, U, P = (casadi.MX.sym(n, s.numel()) for n, s in (("x", x), ("u", u), ("p", p)))
         T, H = casadi.MX.sym("t"), casadi.MX.sym("h")
