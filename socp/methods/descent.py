@@ -48,7 +48,8 @@ _LOST = 1e6  # of the objective's magnitude: what a control is worth whose motio
 
 def descended(problem: Problem, guess: Solution) -> Solution | None:
     """Return the motion to which constant controls are improved, each for a while, and then the one
-    that is best; None where that misses the ends or the state constraints, or the time is over.
+    that is best; None where that misses the ends or the state constraints. Where the time allowed
+    ends it, it is the best motion so far.
 
     Its controls are held over equal intervals; its objective has the three digits that coarse steps
     leave.
@@ -56,14 +57,20 @@ def descended(problem: Problem, guess: Solution) -> Solution | None:
     starts = list(motions(problem, guess, own=True))
     if not starts:
         return None
-    descent = _Descent(problem, _scale(problem, starts))
+    descent, found = _Descent(problem, _scale(problem, starts)), list[_Point]()
     try:
-        best = min((descent.begun(each) for each in starts), key=lambda each: each.merit)
+        for start in starts:
+            found.append(descent.begun(start))
         for _ in range(_ROUNDS):
-            best = descent.improved(best)
+            found.append(descent.improved(_best(found)))
     except LateError:
-        return None
-    return descent.motion(best.z)
+        pass
+    return descent.motion(_best(found).z) if found else None
+
+
+def _best(found: list["_Point"]) -> "_Point":
+    """Return the point with the least merit among those of the most rounds."""
+    return min(found, key=lambda each: (-each.weight, each.merit))
 
 
 def _scale(problem: Problem, starts: Sequence[Solution]) -> Scale:

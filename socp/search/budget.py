@@ -91,9 +91,10 @@ def escalate(
 
     first: the guess, None where no other is to be tried, the steps of the first grids, and the
     solver of direct problems. Where no direct solution is that of its own control, a control is
-    improved along its own motion, or else motions are guesses; the best one is solved again with controls that are held over every interval. What is
-    solved joins the direct solutions; where none ever is, there are no words to read. Where the
-    best word chatters, no number of words certifies one.
+    improved along its own motion, or else motions are guesses; the best one is solved again with
+    controls that are held over every interval. What is solved joins the direct solutions; where
+    none ever is, there are no words to read. Where the best word chatters, no number of words
+    certifies one.
     """
     guess, steps, backend = first
     lost = not _done(problem, search) and not any(_followed(problem, each) for each in directs)
