@@ -66,6 +66,9 @@ _CLAIMED = 1e-2
 # The same beyond which all grids so far are taken to have jumped over the motion: coarse ones are
 # off by a few per cent where they have not
 _JUMPED = 0.1
+# Of the time of a round, at most: a finer grid may show the right word at once, where no mend leads
+# on from the best one so far
+_LEADING = 0.25
 _LED = 20  # words tried from the best one of the rounds before: half of what one grid is worth
 _ITERATIONS = 500  # what a direct solve has not reached by then it hardly ever reaches
 _MOTIONS = 3  # those that keep best to the box; other horizons are the scouts' concern
@@ -136,7 +139,8 @@ def _rounds(
         search.begin(Ration(more.work, patient), more.words, more.finer * steps)
         told = staged(watch, f"round {number} of {len(ROUNDS) + 1}")
         with time_limit(seconds_left() * more.share):
-            lead(problem, search, told)
+            with time_limit(_LEADING * seconds_left()):
+                lead(problem, search, told)
             how = meshes(problem, more.finer * steps), backend.limited(_ITERATIONS)
             if not search.over:
                 _round(problem, search, directs, how, told)

@@ -4,7 +4,7 @@ import pytest
 from casadi import exp
 
 from socp import Problem, controls, states
-from socp.methods import default_guess, descended
+from socp.methods import default_guess, descended, motions
 
 x, v = states("x v")
 u = controls("u")
@@ -53,6 +53,20 @@ def test_ends_that_no_control_meets_lead_to_nothing() -> None:
         final_time=2,
     )
     assert descended(problem, default_guess(problem)) is None
+
+
+def test_a_product_without_a_rate_at_the_start_is_followed() -> None:
+    # repressed by exp(-25) at v = 5, made as v falls to 0: (1 - exp(-25)) / 5
+    problem = Problem(
+        name="repressed",
+        minimise=-x,
+        dynamics={x: exp(-5 * v), v: u - 1},
+        bounds={u: (0, 2)},
+        start={x: 0, v: 5},
+        final_time=5,
+    )
+    made = max(float(each.at(5.0)[0]) for each in motions(problem, default_guess(problem)))
+    assert made == pytest.approx(0.2, rel=1e-4)
 
 
 @pytest.mark.slow

@@ -265,3 +265,23 @@ def test_bursts_shorter_than_a_step_are_found() -> None:
     assert found.extremal
     assert found.objective == pytest.approx(5.295090157, rel=1e-9)
     assert found.word == "xp: -; xn: + - +; yp: - +; yn: + - + -"
+
+
+@pytest.mark.slow
+def test_a_finer_grid_shows_what_no_mend_leads_to() -> None:
+    """A load under a trolley with a speed limit, from rest to rest: a coarse grid shows a short
+    bang as an arc inside the box. The value is that of closed forms on the word's arcs.
+    """
+    th, om = states("th om")
+    crane = Problem(
+        name="trolley",
+        minimise=final_time,
+        dynamics={x: v, v: u, th: om, om: -(9.81 * th + u) / 12},
+        bounds={u: (-0.4, 0.4), v: (-2, 2)},
+        start={x: 0, v: 0, th: 0, om: 0},
+        end={x: 25, v: 0, th: 0, om: 0},
+    )
+    found = auto(crane)
+    assert found.extremal
+    assert found.objective == pytest.approx(17.8597196437, rel=1e-9)
+    assert found.word == "u: + - + b[v.upper] - + -"
