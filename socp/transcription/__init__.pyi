@@ -1,3 +1,4 @@
+from .branches import build as build
 from .collocation import collocate as collocate
 from .cutting import between as between
 from .cutting import cut_arcs as cut_arcs

@@ -37,6 +37,7 @@ from socp.model import (
 )
 from socp.process import in_time
 from socp.transcription import knot_times
+from socp.verdict.domains import domain_ended
 from socp.verdict.simulation.steps import Flow, Plan, Steps
 
 if TYPE_CHECKING:
@@ -228,7 +229,7 @@ def travel(
             log.x.append(x := np.hstack(looks.x))
             log.u.append(piece.controls(problem, t, x, p))
             if error:
-                return y, error
+                return y, error + domain_ended(problem, y[:-1], t[-1], p, scale[:-1])
     return y, ""
 
 
