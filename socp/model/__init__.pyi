@@ -6,6 +6,7 @@ from .data.comparing import differences as differences
 from .data.consistency import check_constraints as check_constraints
 from .data.constants import Constant as Constant
 from .data.constants import constants as constants
+from .data.family import Family as Family
 from .data.files import from_json as from_json
 from .data.files import load as load
 from .data.files import save as save
@@ -31,7 +32,6 @@ from .evaluation import parameters_of as parameters_of
 from .evaluation import rate_function as rate_function
 from .evaluation import running_function as running_function
 from .evaluation import scales as scales
-from .evaluation import share as share
 from .evaluation import shown_sizes as shown_sizes
 from .evaluation import sizes as sizes
 from .graph import AREA as AREA

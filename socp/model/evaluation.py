@@ -7,7 +7,6 @@ from typing import Any, Concatenate, ParamSpec, TypeVar, final
 import casadi
 import numpy as np
 
-from socp.errors import ProblemError
 from socp.model.parts import Constraint, EndCondition
 from socp.model.problem import Problem
 from socp.model.result.solution import Solution
@@ -18,13 +17,11 @@ Owner = TypeVar("Owner")
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
 Work = TypeVar("Work", bound=Callable[..., Any])
-# of a statement: what problems that share their work may differ in
-_ENDS = {"start", "end", "initial_time", "final_time", "fingerprint", "name", "about", "formula"}
-# properties of a problem, and functions, that these do not change
+# properties of a problem, and functions, that ends, times and bounds of parameters do not change
 _OF_MOTION = {
     *("x", "u", "p", "x0", "costate", "state_names", "control_names", "parameter_names"),
     *("rate", "fields", "drift", "lagrangian", "mayer", "hamiltonian", "switching"),
-    *("box", "state_box", "parameter_box", "constraints", "conditions"),
+    *("box", "state_box", "constraints", "conditions"),
 }
 
 
@@ -57,24 +54,15 @@ def of_motion(function: Work) -> Work:
     return function
 
 
-def share(known: Problem, other: Problem) -> bool:
-    """Let a problem have all that was worked out for one that is known, where they differ in start,
-    end and times alone; returns whether they do. What either works out later, both have.
+def hand_on(known: Problem, other: Problem) -> None:
+    """Let a problem have all that was worked out for one of the same motion, whose dynamics, costs,
+    bounds, constraints and conditions are the same. What either works out later, both have.
 
     It saves what a problem costs before anything is solved: laws, brackets and compiled functions.
     """
-    try:
-        alike = all(
-            each == other.statement[name]
-            for name, each in known.statement.items()
-            if name not in _ENDS
-        )
-    except (ProblemError, KeyError):
-        return False
-    for name, value in vars(known).items() if alike else ():
+    for name, value in vars(known).items():
         if name in _OF_MOTION:
             vars(other)[name] = value
-    return alike
 
 
 def _place(function: Callable[..., Any]) -> str:

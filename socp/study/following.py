@@ -7,14 +7,15 @@ is the one that mends what the judge has found.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from socp.errors import MethodError, SolveError
-from socp.model import Problem, Solution, Watch, silent
+from socp.model import Family, Problem, Solution, Watch, silent
 from socp.process import breakable
 from socp.search import Search, warm_start
-from socp.study.branch import Branch, Point
+from socp.study.branch import Branch, Event, Point
 from socp.study.census import explore
 from socp.study.events import changed, passed
 from socp.study.monitors import margins
@@ -48,17 +49,25 @@ def follow(
     name, span = _checked(numbers)
     if steps < 1:
         raise MethodError(f"steps={steps}, but it must be at least 1")
-    walk = Walk(problem, name, span, watch)
-    first, _ = walk.at(span[0]), walk.at(span[1])
+    family = Family(problem, (name,))
+    walk = Walk(family, name, span, watch)
+    first, _ = problem.with_({name: span[0]}), problem.with_({name: span[1]})
     ended, interrupted = "", False
-    start = _first(first, guess, watch)
-    walk.points.append(Point(span[0], with_second_order(first, start)))
+    start = with_second_order(first, _first(first, guess, watch))
+    walk.points.append(Point(span[0], family.inside(start, {name: span[0]})))
     try:
         with breakable():
             ended = _walked(walk, steps)
     except KeyboardInterrupt:
         interrupted = True
-    return Branch(problem.name, name, tuple(walk.points), tuple(walk.events), ended, interrupted)
+    points = tuple(Point(each.value, family.outside(each.solution)) for each in walk.points)
+    events = tuple(_outside(family, each) for each in walk.events)
+    return Branch(problem.name, name, points, events, ended, interrupted)
+
+
+def _outside(family: Family, event: Event) -> Event:
+    found = event.solution
+    return event if found is None else replace(event, solution=family.outside(found))
 
 
 def _checked(numbers: Mapping[str, tuple[float, float]]) -> tuple[str, tuple[float, float]]:

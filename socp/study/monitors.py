@@ -16,6 +16,7 @@ from socp.model import (
     Solution,
     constraint_function,
     evaluate,
+    of_motion,
     once,
     parameters_of,
     time,
@@ -85,12 +86,14 @@ def _scaled(f: Along, factor: float) -> Along:
     return lambda arc, t: factor * f(arc, t)
 
 
+@of_motion
 @once
 def _sigma(problem: Problem) -> casadi.Function:
     given = [problem.x, problem.costate, time, problem.p]
     return casadi.Function("sigma", given, [casadi.densify(problem.switching)])
 
 
+@of_motion
 @once
 def _slope(problem: Problem) -> casadi.Function:
     """Return the rate of the switching functions, off state constraints, of x, u, costate, t, p."""

@@ -8,7 +8,7 @@ from typing import final
 
 import numpy as np
 
-from socp.model import Arc, Mode, Problem, Progress, Solution, Watch
+from socp.model import Arc, Family, Mode, Problem, Progress, Solution, Watch
 from socp.search import continued
 from socp.study.branch import Event, Point
 from socp.study.monitors import Clue, Margins, lengths, margins
@@ -52,10 +52,10 @@ class Zero:
 @dataclass(eq=False)
 class Walk:
     """A branch as it is being followed: what is known of it, and how to go on; `last` is the event
-    beyond which no word was found.
+    beyond which no word was found. Its solutions are those of the family.
     """
 
-    problem: Problem
+    family: Family
     name: str
     span: tuple[float, float]
     watch: Watch
@@ -74,7 +74,8 @@ class Walk:
         if value not in self.problems:
             while len(self.problems) > STEPS:
                 del self.problems[next(iter(self.problems))]
-            self.problems[value] = self.problem.with_({self.name: value})
+            near = next(reversed(self.problems.values()), None)
+            self.problems[value] = self.family.at({self.name: value}, near)
         return self.problems[value]
 
     def tell(self, value: float, word: str) -> None:

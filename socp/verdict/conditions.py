@@ -237,6 +237,8 @@ def _parameters(along: AdjointSystem) -> Iterator[Rows]:
     )
     for i, name in enumerate(along.problem.parameter_names):
         low, high = along.problem.parameter_box[:, i]
+        if low == high:  # it is held, whatever the objective makes of it
+            continue
         size = max(abs(samples.p[i]), *(abs(b) for b in (low, high) if np.isfinite(b)), TINY)
         side = _side(samples.p[i], low, high, size)
         line = np.einsum("n,nj,njz->z", mass, v["fp"][:, :, i], along.costates.maps)

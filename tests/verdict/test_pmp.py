@@ -16,6 +16,7 @@ from socp import (
     default_guess,
     final_time,
     judge,
+    parameters,
     solve_collocated,
     states,
     uniform,
@@ -23,6 +24,7 @@ from socp import (
 from socp.methods.guess import split
 from socp.model.data.files import from_json, to_json
 from socp.model.tolerances import EXTREMAL, FEASIBLE
+from socp.registry import solve
 from socp.transcription import follow
 from socp.transcription.schemes import lgr
 
@@ -215,3 +217,21 @@ def test_verdict_survives_the_result_file() -> None:
     again = from_json(to_json(solution))
     assert again.verdict == solution.verdict
     assert to_json(again) == to_json(solution)
+
+
+def test_a_parameter_that_is_held_has_no_condition() -> None:
+    """X' = k - u from 1, |u| <= 1, integral of x: u = 1, and a smaller k would be better."""
+    x, u, k = states("x"), controls("u"), parameters("k")
+    problem = Problem(
+        name="held",
+        running=x,
+        dynamics={x: k - u},
+        bounds={u: (-1, 1), k: (0.5, 0.5)},
+        start={x: 1},
+        final_time=1,
+    )
+    found = solve(problem, method="lgr-multiphase", word="+")
+    assert found.extremal
+    assert found.objective == pytest.approx(0.75)
+    free = replace(problem, bounds={u: (-1, 1), k: (0, 1)})
+    assert not judge(free, found).extremal

@@ -11,7 +11,7 @@ import numpy as np
 
 from socp.errors import SocpError
 from socp.laws import independent
-from socp.model import Problem, Solution, Stop, from_json, rung_of, share, silent, to_json, view
+from socp.model import Family, Problem, Solution, Stop, from_json, rung_of, silent, to_json, view
 from socp.process import one_line, one_thread, said
 from socp.search import neighbour, spurious
 from socp.study.workers import asked
@@ -105,13 +105,15 @@ class Task:
         problem = _loaded(self.load)
         if self.fingerprint and problem.fingerprint != self.fingerprint:
             raise SocpError(f"{problem.name}: a worker has another problem of this name")
-        now = None if job.near is None else _Here.of(problem, job.near)
+        names = job.points[0][1]
+        family = Family(problem, tuple(names))
+        now = None if job.near is None else _Here.of(family, job.near)
         walked = Walked(job.number, {}, {}, {})
         for number, values in job.points:
             if asked():
                 return None
             began = time.perf_counter()
-            found, start, message = self._solved(problem, values, now)
+            found, start, message = self._solved(family, values, now)
             if found is not None and found.solution.extremal and found.solution.lawful:
                 now = found.at(number)
             seconds = time.perf_counter() - began
@@ -123,25 +125,21 @@ class Task:
         return walked
 
     def _solved(
-        self, problem: Problem, values: Mapping[str, float], now: "_Here | None"
+        self, family: Family, values: Mapping[str, float], now: "_Here | None"
     ) -> tuple["_Here | None", int, str]:
         """Return what a point comes to, from which point it went on, -1 for none, and what there is
         to say.
         """
         try:
-            posed = problem.with_(dict(values))
-            found = None
-            if now is not None:
-                share(now.problem, posed)
-                found = _next(posed, now, inside=self.keep)
-            if found is None:
-                posed = problem.with_(dict(values))  # what is searched for is derived anew
+            here = None if now is None else _next(family, now, values, inside=self.keep)
+            if here is None:
+                posed = family.problem.with_(dict(values))  # what is searched for is derived anew
                 guess = None if now is None else now.solution
                 found = view("solve")(posed, guess, self.method, watch=silent, **self.options)
                 if found.stop is Stop.INTERRUPTED:
                     raise KeyboardInterrupt
-            here = _Here(posed, values, found)
-            return here, -1 if now is None else now.point, _said(found)
+                here = _Here(family.at(values), values, found)
+            return here, -1 if now is None else now.point, _said(here.solution)
         except _FAILURES as error:
             return None, -1, one_line(f"{type(error).__name__}: {said(error)}")
 
@@ -149,7 +147,7 @@ class Task:
 @final
 @dataclass(frozen=True, eq=False)
 class _Here:
-    """A point that was solved: its problem, values and solution."""
+    """A point that was solved: its problem as one of its family, values and solution."""
 
     problem: Problem
     values: Mapping[str, float]
@@ -157,10 +155,9 @@ class _Here:
     point: int = -1
 
     @classmethod
-    def of(cls, problem: Problem, near: Near) -> "_Here":
+    def of(cls, family: Family, near: Near) -> "_Here":
         """Return what another chain has left."""
-        posed = problem.with_(dict(near.values))
-        return cls(posed, near.values, from_json(near.solution), near.point)
+        return cls(family.at(near.values), near.values, from_json(near.solution), near.point)
 
     def at(self, number: int) -> "_Here":
         """Return the same as the point of a number."""
@@ -172,19 +169,23 @@ class _Here:
         return Near(self.point, self.values, to_json(self.solution))
 
 
-def _next(problem: Problem, now: _Here, *, inside: bool) -> Solution | None:
+def _next(family: Family, now: _Here, values: Mapping[str, float], *, inside: bool) -> _Here | None:
     """Return a certified solution next to that of a neighbour, by Newton along its word; None where
     the word does not hold, or an arc is no longer than what is known of its ends. `inside`: what is
     kept whole is looked at whole, which no rung depends on.
     """
-    posed = independent(problem)
-    learn(posed, now.solution)
-    found = neighbour(posed, now.solution, now.problem)
+    problem = family.at(values, now.problem)
+    posed, guess = independent(problem), family.inside(now.solution, now.values)
+    learn(posed, guess)
+    found = neighbour(posed, guess, now.problem)
     if found is None or spurious(found):
         return None
     if posed is not problem:
         found = judge(problem, found)
-    return with_second_order(problem, found, inside=inside) if found.extremal else None
+    if not found.extremal:
+        return None
+    found = with_second_order(problem, found, inside=inside)
+    return _Here(problem, values, family.outside(found))
 
 
 def _said(solution: Solution) -> str:

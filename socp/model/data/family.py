@@ -1,0 +1,105 @@
+"""Problems that differ in values only: constants as parameters that are held, so that laws and
+compiled functions, which have parameters for arguments, serve all of them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from typing import Any, final
+
+import casadi
+
+from socp.model.data.constants import planted
+from socp.model.evaluation import hand_on
+from socp.model.problem import Problem
+from socp.model.result.solution import Solution
+from socp.model.symbols import Expr, column, declared
+
+# what a constant may stand in as a parameter does, and what has numbers of its own in every problem
+_FORMULAE = ("dynamics", "minimise", "running", "target", "path", "singular", "boundary")
+_NUMBERS = ("start", "end", "initial_time", "final_time")
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Family:
+    """A problem and what becomes of it for other values of numbers, by the `names` that
+    `Problem.with_` knows; `open` ones are those of them that are constants.
+    """
+
+    problem: Problem
+    names: tuple[str, ...]
+
+    @cached_property
+    def open(self) -> dict[str, Expr]:
+        """The constants among the numbers, as parameters by name."""
+        formula = self.problem.formula
+        own = () if formula is None else formula.values
+        found = {symbol.name(): symbol for symbol in own}
+        return {name: _parameter(found[name]) for name in self.names if name in found}
+
+    @cached_property
+    def base(self) -> Problem:
+        """The problem with parameters in place of these constants, held at their values."""
+        problem, formula = self.problem, self.problem.formula
+        own = {name: getattr(problem, name) for name in _FORMULAE}
+        bounds = dict(problem.bounds)
+        if formula is not None:
+            pairs = {s: self.open.get(s.name(), value) for s, value in formula.values.items()}
+            before, after = column(pairs), column(pairs.values())
+            leaves = {
+                path: casadi.substitute(leaf, before, after)
+                for path, leaf in formula.leaves.items()
+                if path[0] in _FORMULAE
+            }
+            own = planted(own, leaves)
+            used = {each for leaf in leaves.values() for each in casadi.symvar(leaf)}
+            held = {name: symbol for name, symbol in self.open.items() if symbol in used}
+            bounds |= {s: (problem.constants[name].value,) * 2 for name, s in held.items()}
+        return replace(problem, **own, bounds=bounds, reference=None, formula=None)
+
+    @cached_property
+    def _placed(self) -> bool:
+        """Whether a constant among the numbers stands in an end, a time or a bound as well."""
+        formula, own = self.problem.formula, set(self.open)
+        return formula is not None and any(
+            path[0] not in _FORMULAE and own & {s.name() for s in casadi.symvar(leaf)}
+            for path, leaf in formula.leaves.items()
+        )
+
+    def at(self, values: Mapping[str, float], near: Problem | None = None) -> Problem:
+        """Return the problem of other values, with what was worked out for one of the family that
+        is `near`, where their bounds are the same. Errors as of `Problem.with_`.
+        """
+        held = {s: (values[n],) * 2 for n, s in self.open.items() if s in self.base.bounds}
+        others = {name: value for name, value in values.items() if name not in self.open}
+        if self._placed:
+            plain = self.problem.with_(dict(values))
+            numbers = {name: getattr(plain, name) for name in _NUMBERS}
+            found = replace(self.base, **numbers, bounds={**plain.bounds, **held})
+        else:
+            found = self.base.with_({**others, "bounds": held} if held else others)
+        if near is not None and self._bounds(found) == self._bounds(near):
+            hand_on(near, found)
+        return found
+
+    def _bounds(self, problem: Problem) -> dict[Expr, Any]:
+        """Return the bounds of a problem but for those of constants."""
+        own = set(self.open.values())
+        return {symbol: box for symbol, box in problem.bounds.items() if symbol not in own}
+
+    def inside(self, solution: Solution, values: Mapping[str, float]) -> Solution:
+        """Return a solution of the problem of values as one of the family."""
+        own = {name: float(values[name]) for name in self.open}
+        return replace(solution, parameters={**solution.parameters, **own})
+
+    def outside(self, solution: Solution) -> Solution:
+        """Return a solution in the family as one of the problem of its values."""
+        left = {name: v for name, v in solution.parameters.items() if name not in self.open}
+        return replace(solution, parameters=left)
+
+
+@cache
+def _parameter(symbol: Expr) -> Expr:
+    """Return the parameter that stands for a constant, the same one every time."""
+    return declared((symbol.name(),), "parameter", symbol.name())[0]

@@ -1,0 +1,72 @@
+"""Problems that differ in values only: constants as parameters, and work that all of them share."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ponds import POND, x
+
+from socp.errors import ProblemError
+from socp.laws import arc_law
+from socp.model import Family, Mode, Problem, constants, numbers, rate_function, running_function
+from socp.registry import solve
+
+S = (Mode("singular"),)
+
+
+def cost(problem: Problem, at: float, level: float) -> float:
+    """Return the running cost of a pond at a state."""
+    given = [at], [0.0], 0.0, [level]
+    return float(numbers(running_function(problem), *map(np.array, given))[0][0, 0])
+
+
+def test_a_constant_of_the_formula_is_a_parameter_that_is_held() -> None:
+    family = Family(POND, ("level",))
+    one = family.at({"level": 0.25})
+    law = arc_law(one, S)
+    other = family.at({"level": 0.5}, one)
+    assert (one.parameter_names, one.constants) == (("level",), {})
+    assert other.parameter_box.tolist() == [[0.5], [0.5]]
+    assert one.parameter_box.tolist() == [[0.25], [0.25]]
+    assert arc_law(other, S) is law
+    assert running_function(other) is running_function(one)
+    assert cost(other, 1.0, 0.5) == pytest.approx(0.25)
+
+
+def test_a_constant_of_the_bounds_moves_them_and_shares_nothing() -> None:
+    family = Family(POND, ("rate",))
+    one, other = family.at({"rate": 1.0}), family.at({"rate": 2.0}, family.at({"rate": 1.0}))
+    assert (one.box.tolist(), other.box.tolist()) == ([[-1.0], [1.0]], [[-2.0], [2.0]])
+    assert one.parameter_names == ()
+    assert rate_function(other) is not rate_function(one)
+
+
+def test_a_constant_of_an_end_moves_that_as_well() -> None:
+    depth = constants(depth=0.25)
+    pond = replace(POND, running=(x - depth) ** 2, end={x: 2 * depth}, formula=None)
+    family = Family(pond, ("depth", "start.x"))
+    found = family.at({"depth": 0.3, "start.x": 1.5})
+    assert (found.end_box.tolist(), found.start_box.tolist()) == ([[0.6]] * 2, [[1.5]] * 2)
+    assert found.parameter_box.tolist() == [[0.3], [0.3]]
+
+
+def test_ends_alone_are_shared() -> None:
+    family = Family(POND, ("start.x", "final_time"))
+    one = family.at({"start.x": 1.0, "final_time": 4.0})
+    law = arc_law(one, S)
+    other = family.at({"start.x": 1.2, "final_time": 3.0}, one)
+    assert arc_law(other, S) is law
+    assert other.start_box.tolist() == [[1.2], [1.2]]
+    assert other.fingerprint == POND.with_({"start.x": 1.2, "final_time": 3.0}).fingerprint
+
+
+def test_solutions_go_in_and_come_out() -> None:
+    family = Family(POND, ("level",))
+    made = solve(POND, method="lgr-multiphase", word="- s +")
+    inside = family.inside(made, {"level": 0.25})
+    assert (inside.parameters, family.outside(inside).parameters) == ({"level": 0.25}, {})
+
+
+def test_what_cannot_be_is_named() -> None:
+    with pytest.raises(ProblemError, match=r"final_time: -1.0 is not after"):
+        Family(POND, ("final_time",)).at({"final_time": -1.0})
