@@ -15,12 +15,12 @@ from socp.errors import MethodError, SolveError
 from socp.model import Family, Problem, Solution, Watch, silent
 from socp.process import breakable
 from socp.search import Search, warm_start
-from socp.study.branch import Branch, Event, Point
+from socp.study.branch import Branch, Point
 from socp.study.census import explore
 from socp.study.events import changed, passed
 from socp.study.monitors import margins
 from socp.study.walk import SMALLEST, STEPS, Trial, Walk, apart, predicted, vanishing
-from socp.verdict import with_second_order
+from socp.verdict import with_second_order, with_statement
 
 _STARTS = 3  # of a census, for the first solution
 _PREDICTED = 0.01  # of the horizon: how far a prediction may be off, by which steps are chosen
@@ -60,14 +60,20 @@ def follow(
             ended = _walked(walk, steps)
     except KeyboardInterrupt:
         interrupted = True
-    points = tuple(Point(each.value, family.outside(each.solution)) for each in walk.points)
-    events = tuple(_outside(family, each) for each in walk.events)
+    points = tuple(Point(each.value, _own(walk, each.value, each.solution)) for each in walk.points)
+    events = tuple(
+        each
+        if each.solution is None
+        else replace(each, solution=_own(walk, each.value, each.solution))
+        for each in walk.events
+    )
     return Branch(problem.name, name, points, events, ended, interrupted)
 
 
-def _outside(family: Family, event: Event) -> Event:
-    found = event.solution
-    return event if found is None else replace(event, solution=family.outside(found))
+def _own(walk: Walk, value: float, solution: Solution) -> Solution:
+    """Return a solution of the family as one of its own problem."""
+    problem = walk.family.problem.with_({walk.name: value})
+    return with_statement(problem, walk.family.outside(solution))
 
 
 def _checked(numbers: Mapping[str, tuple[float, float]]) -> tuple[str, tuple[float, float]]:

@@ -11,10 +11,11 @@ import pytest
 from ponds import POND
 
 from socp.errors import MethodError, ProblemError
-from socp.model import Progress, load
+from socp.model import Progress, carried_problem, load
 from socp.registry import solve
 from socp.study import Kept, Sweep, points, sweep
 from socp.study.sweeping.plan import planned, tree
+from socp.verdict import judge
 
 AT = points({"final_time": "1.2:2:5"})  # the level is met for 1.5 and longer
 
@@ -161,6 +162,21 @@ def test_whole_results_are_kept(found: Sweep, folders: Kept) -> None:
     kept = [load(path) for path in files]
     assert [each.objective for each in kept] == [row["objective"] for row in found.rows]
     assert all(each.extremal and each.statement for each in kept)
+
+
+def test_a_constant_of_the_formula_goes_through_files(tmp_path: Path) -> None:
+    kept = Kept(tmp_path / "chains", tmp_path / "results")
+    pond = POND.with_(final_time=3.0)
+    found = sweep(pond, {"level": "0.2:0.4:6"}, kept=kept, method="lgr-multiphase", word="- s +")
+    assert found.certified == 6
+    assert sum(row["start"] >= 0 for row in found.rows) == 5
+    for k, row in enumerate(found.rows):
+        assert row["objective"] == pytest.approx(2 / 3 * (1 - row["level"]) ** 3, rel=1e-9)
+        whole = load(kept.results / f"point-{k:06d}.socp.json")
+        own = carried_problem(whole)
+        assert own is not None
+        assert (own.constants["level"].value, whole.parameters) == (row["level"], {})
+        assert judge(own, whole).extremal
 
 
 def test_any_executor_does_the_work(found: Sweep) -> None:

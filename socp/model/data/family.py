@@ -94,9 +94,11 @@ class Family:
         return replace(solution, parameters={**solution.parameters, **own})
 
     def outside(self, solution: Solution) -> Solution:
-        """Return a solution in the family as one of the problem of its values."""
+        """Return a solution in the family as one of the problem of its values, of which it carries
+        no statement.
+        """
         left = {name: v for name, v in solution.parameters.items() if name not in self.open}
-        return replace(solution, parameters=left)
+        return replace(solution, parameters=left).with_origin(statement=None, unstated="")
 
 
 @cache

@@ -15,7 +15,7 @@ from socp.model import Family, Problem, Solution, Stop, from_json, rung_of, sile
 from socp.process import one_line, one_thread, said
 from socp.search import neighbour, spurious
 from socp.study.workers import asked
-from socp.verdict import judge, learn, with_second_order
+from socp.verdict import judge, learn, with_second_order, with_statement
 
 Load = Callable[[], Problem]
 _FAILURES = (SocpError, ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlgError)
@@ -121,7 +121,7 @@ class Task:
             if number in job.wanted:
                 walked.near[number] = None if now is None else now.near
             if self.keep and found is not None:
-                walked.results[number] = to_json(found.solution)
+                walked.results[number] = to_json(found.whole(family))
         return walked
 
     def _solved(
@@ -134,11 +134,11 @@ class Task:
             here = None if now is None else _next(family, now, values, inside=self.keep)
             if here is None:
                 posed = family.problem.with_(dict(values))  # what is searched for is derived anew
-                guess = None if now is None else now.solution
+                guess = None if now is None else now.whole(family)
                 found = view("solve")(posed, guess, self.method, watch=silent, **self.options)
                 if found.stop is Stop.INTERRUPTED:
                     raise KeyboardInterrupt
-                here = _Here(family.at(values), values, found)
+                here = _Here(family.at(values), values, family.outside(found))
             return here, -1 if now is None else now.point, _said(here.solution)
         except _FAILURES as error:
             return None, -1, one_line(f"{type(error).__name__}: {said(error)}")
@@ -162,6 +162,10 @@ class _Here:
     def at(self, number: int) -> "_Here":
         """Return the same as the point of a number."""
         return _Here(self.problem, self.values, self.solution, number)
+
+    def whole(self, family: Family) -> Solution:
+        """Return the solution with the statement of its problem."""
+        return with_statement(family.problem.with_(dict(self.values)), self.solution)
 
     @property
     def near(self) -> Near:
