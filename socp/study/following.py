@@ -135,20 +135,27 @@ def _walked(walk: Walk, steps: int) -> str:
             if missed < _TRIES and abs(step) > SMALLEST * abs(walk.width):
                 step *= _CUT
                 continue
-            return _lost(walk)
+            return _lost(walk, value)
         missed = 0
         before, now = None, walk.points[-1]
         known = margins(walk.at(now.value), now.solution)
     return ""
 
 
-def _lost(walk: Walk) -> str:
-    """Say where a branch ends that cannot be followed any more, with the event at which it does."""
-    now = walk.points[-1]
+def _lost(walk: Walk, value: float) -> str:
+    """Say where a branch ends that cannot be followed any more, on the way to a value, with the
+    event at which it does.
+    """
+    now, name = walk.points[-1], walk.name
+    next_ = (
+        f"beyond the problem may have none, as where its end comes out of reach: solve it at "
+        f"{name} = {value:.6g} by itself, which tells; or the branch folds back there: follow it "
+        "from the other end"
+    )
     if walk.last is not None:
         walk.events.append(walk.last)
-        return f"{walk.name} = {walk.last.value:.12g}: no word was found beyond this event"
-    return (
-        f"{walk.name} = {now.value:.12g}: nothing certified goes on from here; the branch ends, or "
-        "folds back"
-    )
+        return (
+            f"{name} = {walk.last.value:.12g}: no word was found beyond this event, the last "
+            f"extremal is at {now.value:.12g}; {next_}"
+        )
+    return f"{name} = {now.value:.12g}: the last extremal that is certified; {next_}"
