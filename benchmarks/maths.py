@@ -21,5 +21,7 @@ def on_page_markdown(markdown: str, **_: object) -> str:
 
 def typeset(text: str) -> str:
     """Return text with `$...$` and blocks between lines of `$$` as MathML."""
-    text = _BLOCK.sub(lambda found: f'<div class="maths">{convert(found[1], "block")}</div>', text)
+    text = _BLOCK.sub(
+        lambda found: f'<div class="maths">{convert(found[1], display="block")}</div>', text
+    )
     return _INLINE.sub(lambda found: convert(found[1]), text)
