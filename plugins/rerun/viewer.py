@@ -116,7 +116,8 @@ def _needs_display() -> None:
     names = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
     if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in names):
         raise SolveError(
-            "there is no display for the viewer: neither DISPLAY nor WAYLAND_DISPLAY is set"
+            "there is no display for the viewer: neither DISPLAY nor WAYLAND_DISPLAY is set; "
+            "without one: socp report RESULT writes a page for any browser"
         )
 
 

@@ -269,7 +269,6 @@ def test_a_bad_problem_file_is_one_message_with_its_line(socp: Command, name: st
         ("solve cart.py -m lgr-multiphase -o 'word=+ ?'", 2, "word: '?' is no kind of arc"),
         ("solve", 2, "Missing argument 'FILE_OR_NAME'."),
         ("slove", 2, "No such command 'slove'; did you mean 'solve'?"),
-        ("compare cart.py", 2, "Missing option '-m'"),
         ("compare cart.py -m lgr -o steps=3", 2, "no method here has an option 'steps'"),
         (
             "describe eulr-ipopt",

@@ -62,7 +62,8 @@ class Row:
     "--method",
     "names",
     multiple=True,
-    required=True,
+    default=("euler-ipopt", "lgr", "auto"),  # the calmest grid, the most accurate one, the arcs
+    show_default="euler-ipopt, lgr, auto",
     metavar="NAME",
     help="Method; give several.",
     shell_complete=methods,
