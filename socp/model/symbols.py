@@ -42,12 +42,18 @@ def states(names: str) -> Any:
 
 
 def controls(names: str) -> Any:
-    """Declare controls by name; their order is the order of the rows of a word."""
+    """Declare controls by name; their order is the order of the rows of a word.
+
+    Raises ProblemError as `states` does.
+    """
     return _declare(names, "control")
 
 
 def parameters(names: str) -> Any:
-    """Declare static parameters: constants of the motion that the solver chooses."""
+    """Declare static parameters: constants of the motion that the solver chooses.
+
+    Raises ProblemError as `states` does.
+    """
     return _declare(names, "parameter")
 
 
