@@ -3,29 +3,28 @@
 `python benchmarks/pages.py FOLDER [SHOTS]` opens every page of a folder, as `mkdocs build` or
 `socp report` made it, at three widths, measures `scrollWidth`, counts what it loads from elsewhere,
 and writes a picture of each into a folder where one is named.
-It needs `chromium` on PATH and the package websocket-client, which socp itself does not.
+It needs `chromium` on PATH, which it speaks to through a pipe; `.ci/run` calls it where there is
+one.
 """
 
 import base64
 import json
+import os
 import shutil
 import subprocess
 import sys
 import time
-import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Thread
-from typing import Any
-
-import websocket
+from typing import IO, Any
 
 WIDTHS = (1440, 800, 400)
-FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--remote-allow-origins=*")
-_PORT, _PATIENCE, _STEP = 9333, 30.0, 0.1  # seconds
+FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-pipe")
+_PATIENCE, _STEP = 30.0, 0.1  # seconds
 
 _STRANGERS = (
     "performance.getEntriesByType('resource').map(each => each.name)"
@@ -41,19 +40,33 @@ class Quiet(SimpleHTTPRequestHandler):
 
 
 class Page:
-    """A tab of the browser."""
+    """A tab of the browser, by the DevTools protocol: JSON between null characters."""
 
-    def __init__(self, address: str) -> None:
-        self.socket, self.count = websocket.create_connection(address), 0
+    def __init__(self, ask: IO[bytes], answer: IO[bytes]) -> None:
+        self.ask, self.answer, self.count = ask, answer, 0
+        self.to: dict[str, str] = {}
+        target = self("Target.createTarget", url="about:blank")["targetId"]
+        attached = self("Target.attachToTarget", targetId=target, flatten=True)
+        self.to = {"sessionId": attached["sessionId"]}
 
     def __call__(self, method: str, **given: Any) -> Any:
-        """Call a method of the DevTools protocol."""
+        """Call a method of the protocol; events in between are passed over."""
         self.count += 1
-        self.socket.send(json.dumps({"id": self.count, "method": method, "params": given}))
-        while True:
-            answer = json.loads(self.socket.recv())
-            if answer.get("id") == self.count:
-                return answer.get("result")
+        message = {"id": self.count, "method": method, "params": given, **self.to}
+        self.ask.write(json.dumps(message).encode() + b"\0")
+        self.ask.flush()
+        while (found := self._next()).get("id") != self.count:
+            pass
+        return found.get("result")
+
+    def _next(self) -> dict[str, Any]:
+        text = bytearray()
+        while (byte := self.answer.read(1)) != b"\0":
+            if not byte:
+                raise SystemExit("the browser went away")
+            text += byte
+        found: dict[str, Any] = json.loads(text)
+        return found
 
     def value(self, expression: str) -> Any:
         """Evaluate JavaScript."""
@@ -64,11 +77,7 @@ def waited(ask: Any) -> Any:
     """Return the first answer that is one, asked again for a while."""
     until = time.monotonic() + _PATIENCE
     while time.monotonic() < until:
-        try:
-            found = ask()
-        except OSError:
-            found = None
-        if found:
+        if found := ask():
             return found
         time.sleep(_STEP)
     raise SystemExit("the browser does not answer")
@@ -80,12 +89,15 @@ def browser() -> Iterator[Page]:
     program = shutil.which("chromium") or shutil.which("google-chrome")
     if program is None:
         raise SystemExit("no chromium on PATH")
-    command = [program, *FLAGS, f"--remote-debugging-port={_PORT}", "about:blank"]
-    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)  # noqa: S603
+    (theirs, ask), (answer, told) = os.pipe(), os.pipe()
+    # the browser reads from descriptor 3 and writes to 4
+    line = ["/bin/bash", "-c", f'exec "$@" 3<&{theirs} 4>&{told}', "bash", program, *FLAGS]
+    process = subprocess.Popen(line, pass_fds=(theirs, told), stderr=subprocess.DEVNULL)  # noqa: S603
+    os.close(theirs)
+    os.close(told)
     try:
-        listed = f"http://127.0.0.1:{_PORT}/json"
-        tabs = waited(lambda: json.load(urllib.request.urlopen(listed)))
-        yield Page(next(tab for tab in tabs if tab["type"] == "page")["webSocketDebuggerUrl"])
+        with os.fdopen(ask, "wb") as asking, os.fdopen(answer, "rb") as answering:
+            yield Page(asking, answering)
     finally:
         process.terminate()
 
