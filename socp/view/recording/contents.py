@@ -227,6 +227,10 @@ def _search(solution: Solution, run: Run) -> Iterator[Item]:
                 shown = log10(values) if name in {"miss", "residual"} else values
                 line = run.series(f"search/{name}", at, shown, name, PALETTE[k])
                 yield replace(line, timeline="refinement")
+                if name == "residual" and np.isfinite(shown).any():
+                    bars = np.nan_to_num(shown)
+                    path = f"{run.root}/search/bars"
+                    yield Bars(path=path, at=at, values=bars, colour=PALETTE[k])
     meshes = [np.array(mesh) for mesh in (*solution.effort.meshes, solution.corners)]
     for k, mesh in enumerate(meshes):
         row = run.series(

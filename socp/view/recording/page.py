@@ -158,7 +158,11 @@ def _solver(paths: set[str], roots: Sequence[str]) -> Group:
         values = tuple(
             rule for part in ("objective", "bound") for rule in _at(roots, f"/search/{part}")
         )
-        if "/search/objective" in paths:
+        if "/search/bars" in paths:
+            where = _at(roots[:1], "/search/bars")
+            search.append(Panel(kind="bars", name="Residual by word, log10", contents=where))
+        # without bounds, and of one run, the table and the bars say as much on every timeline
+        if "/search/objective" in paths and ("/search/bound" in paths or len(roots) > 1):
             search.append(_curves("Search by node", values, "refinement"))
     rules = ("+ {}/mesh/**", "- {}/mesh/intervals", "- {}/mesh/bars")
     nodes = tuple(rule.format(root) for root in roots for rule in rules)
