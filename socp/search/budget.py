@@ -183,7 +183,8 @@ def _held(
     found: list[Solution] = []
     with time_limit(_HOLDING * seconds_left()):
         solved = [each for each in directs if each.stop.ok]
-        best = next((each for each in _starts(problem, solved) if each.stop.ok), None)
+        starts = _starts(problem, solved) if solved else iter(())
+        best = next((each for each in starts if each.stop.ok), None)
         for start in [] if best is None else [*_claiming(best, solved), best]:
             held = held_solution(problem, start, backend, watch)
             if held is not None and held.stop is Stop.INTERRUPTED:
