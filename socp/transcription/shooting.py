@@ -83,6 +83,15 @@ class Shooting:
     near: float = _ACTIVE
     active: frozenset[tuple[str, float]] = frozenset()
 
+    def in_steps(self, steps: int) -> "Shooting":
+        """Return the same equations with so many steps an interval, on which nothing that they are
+        made of depends: both have that.
+        """
+        found = replace(self, steps=steps)
+        assert self.joined  # noqa: S101 - what takes the longest is there before it is shared
+        vars(found).update(vars(self) | {"steps": steps})
+        return found
+
     @cached_property
     def pairs(self) -> list[tuple[Phase, Arc]]:
         """Every phase with its arc."""

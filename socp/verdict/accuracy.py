@@ -88,7 +88,11 @@ class WordProblem:
     def _conditions(
         self, steps: int, near: float, active: frozenset[tuple[str, float]]
     ) -> Conditions:
-        return Conditions(Shooting(self.phased, self.solution, steps, near, active))
+        return Conditions(self._shooting(near, active).in_steps(steps))
+
+    @once
+    def _shooting(self, near: float, active: frozenset[tuple[str, float]]) -> Shooting:
+        return Shooting(self.phased, self.solution, 1, near, active)
 
     @cached_property
     def accuracy(self) -> Accuracy | None:
