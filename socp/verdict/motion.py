@@ -37,7 +37,7 @@ from socp.model import (
 )
 from socp.process import in_time
 from socp.transcription import knot_times
-from socp.verdict.domains import domain_ended
+from socp.verdict.simulation.domains import domain_ended
 from socp.verdict.simulation.steps import Flow, Plan, Steps
 
 if TYPE_CHECKING:
