@@ -51,10 +51,8 @@ _FIRST = 0.25
 # The same of scouting: what has been met by then leaves time for a word
 _SCOUTING = _FIRST / 2.0
 # Of the time that the first round leaves, at most: motions as guesses, where no grid has followed
-# one
-_MOVING = 0.4
-# Of this, at most: a control improved along its own motion; without it motions are guesses
-_DESCENDING = 0.5
+# one; and of what these leave, a control improved along its own motion
+_MOVING, _DESCENDING = 0.4, 0.25
 # Of the time that a round has, at most: stiff motions of many solutions take longer than a word
 _LOOKING = 0.25
 # Of the time that the rounds have, at most: what is returned where no word is certified
@@ -93,30 +91,29 @@ def escalate(
     over.
 
     first: the guess, None where no other is to be tried, the steps of the first grids, and the
-    solver of direct problems. Where no direct solution is that of its own control, a control is
-    improved along its own motion, or else motions are guesses; the best one is solved again with
+    solver of direct problems. Where no direct solution is that of its own control, motions are
+    guesses, and a control is improved along its own motion; the best one is solved again with
     controls that are held over every interval. What is solved joins the direct solutions; where
     none ever is, there are no words to read. Where the best word chatters, no number of words
     certifies one.
     """
     guess, steps, backend = first
+    apart: list[Solution] = []
     lost = not _done(problem, search) and not any(_followed(problem, each) for each in directs)
     if guess is not None and lost:
         with time_limit(_MOVING * seconds_left()):
-            with time_limit(_DESCENDING * seconds_left()):
-                found = descended(problem, guess)
-            directs += [] if found is None else [found]
-            if found is None:
-                directs += scouts_from_motions(problem, guess, staged(watch, "motions"), backend)
+            directs += scouts_from_motions(problem, guess, staged(watch, "motions"), backend)
         if directs and directs[-1].stop is Stop.INTERRUPTED:
             raise KeyboardInterrupt
-    held: list[Solution] = []
+        with time_limit(_DESCENDING * seconds_left()):
+            found = descended(problem, guess)
+        apart += [] if found is None else [found]
     if not _done(problem, search):
-        held = _held(problem, directs, backend, staged(watch, "held controls"))
+        apart += _held(problem, [*directs, *apart], backend, staged(watch, "held controls"))
     try:
         _rounds(problem, search, directs, (steps, backend), watch)
     finally:  # to conclude with; its many short arcs show words no better than a grid's
-        directs += held
+        directs += apart
 
 
 def _rounds(
