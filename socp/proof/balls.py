@@ -121,11 +121,15 @@ def compiled(expressions: Expr, given: Expr, values: Mapping[Expr, Any]) -> Comp
 
 
 def coefficients(series: Series, count: int) -> list[Ball]:
-    """Return so many coefficients of a series, of a ball or of None, which is zero."""
+    """Return so many coefficients of a series, of a ball or of None, which is zero; ValueError
+    where the series does not know so many.
+    """
     module = flint()
     if series is None:
         return [module.arb(0)] * count
     if isinstance(series, module.arb_series):
+        if series.prec < count:
+            raise ValueError(f"a series has {series.prec} coefficients of {count}")
         found = list(series.coeffs())[:count]
         return found + [module.arb(0)] * (count - len(found))
     return [module.arb(series)] + [module.arb(0)] * (count - 1)

@@ -22,7 +22,8 @@ from socp.model import TINY, Expr, once
 from socp.proof.balls import Ball, Compiled, Matrix, coefficients, compiled, finite, flint
 
 ORDER = 24  # Taylor coefficients of the motion: steps get longer with more, and dearer
-SLOPES = 18  # of its derivatives, which only have to be right to some digits
+SLOPES = 12  # of its derivatives, which only have to be right to some digits
+_DIRECT = 6  # coefficients by Picard's iteration: a few are had sooner so
 _ROUNDS = 12  # until a set contains its own image: what takes more takes shorter steps
 _WIDER = 1.1
 _PERRON = 12  # rounds of the power method: sizes need no digits
@@ -59,7 +60,20 @@ class Motion:
         return [flint().arb(0) if each is None else each for each in self.rate.call(z)]
 
     def series(self, z: Sequence[Ball], order: int) -> list[Any]:
-        """Return the Taylor series of the motion from z, up to an order."""
+        """Return the Taylor series of the motion from z, up to an order.
+
+        Picard's iteration gives one coefficient a round; Newton's on the equation z' = f(z) twice
+        as many (Brent and Kung, J. ACM 25, 1978).
+        """
+        orders = [order]
+        while orders[-1] > _DIRECT:
+            orders.append((orders[-1] + 1) // 2)
+        found = self._direct(z, orders[-1])
+        for known, wanted in zip(orders[:0:-1], orders[-2::-1], strict=True):
+            found = self._doubled(found, known, wanted)
+        return found
+
+    def _direct(self, z: Sequence[Ball], order: int) -> list[Any]:
         module = flint()
         module.ctx.cap = order + 1
         found = constant = [module.arb_series([each]) for each in z]
@@ -72,6 +86,27 @@ class Motion:
                 for start, rate in zip(constant, rates, strict=True)
             ]
         return found
+
+    def _doubled(self, series: list[Any], known: int, wanted: int) -> list[Any]:
+        """Return the series up to an order of at most twice the known one: what is added, d,
+        satisfies d' = A d + f(z) - z' up to there.
+        """
+        module, size = flint(), self.size
+        slopes = self.matrices(series, wanted - known)
+        module.ctx.cap = wanted + 1  # of series with fewer coefficients the rest is not zero
+        known_part = [coefficients(each, known + 1) for each in series]
+        exact = [module.arb_series(each) for each in known_part]
+        rates = [coefficients(each, wanted) for each in self.rate.call(exact)]
+        added: list[Matrix] = []
+        for j in range(known, wanted):
+            total = module.arb_mat(size, 1, [each[j] for each in rates])
+            for i, before in enumerate(reversed(added)):
+                total = total + slopes[i] * before
+            added.append(total * (module.arb(1) / (j + 1)))
+        return [
+            module.arb_series([*each, *(d[i, 0] for d in added)])
+            for i, each in enumerate(known_part)
+        ]
 
     def matrices(self, series: Sequence[Any], order: int) -> list[Matrix]:
         """Return the Taylor coefficients of the Jacobian along a series of the motion."""
@@ -176,6 +211,14 @@ def step(motion: Motion, state: State, h: Ball) -> tuple[State, Stage] | None:
     return _carried(state, end, moved), Stage(motion, box, during, h)
 
 
+def nearly(motion: Motion, state: State, h: Ball) -> tuple[State, Stage]:
+    """Return about where the motion leads, with its derivative; nothing is claimed of it."""
+    near = motion.series(state.middle, ORDER)
+    end = [_horner(coefficients(each, ORDER), h).mid() for each in near]
+    frame = _horner(_solved(motion.matrices(near, SLOPES), state.frame, SLOPES - 1), h).mid()
+    return State(end, frame, state.spread, state.slopes), Stage(motion, state.middle, end, h)
+
+
 def _carried(state: State, end: list[Ball], moved: Matrix) -> State:
     """Return a set with its middle at `end`, and its frame carried to `moved`, which has a
     radius.
@@ -224,10 +267,7 @@ def _slope(motion: Motion, near: list[Any], wide: list[Any], h: Ball) -> Matrix:
     around = _around(over[0], h)
     parts = _solved(motion.matrices(near, SLOPES), one, SLOPES - 1)
     parts.append(_solved(over, around, SLOPES)[-1])
-    found = parts[-1]
-    for each in reversed(parts[:-1]):
-        found = found * h + each
-    return found
+    return _horner(parts, h)
 
 
 def _around(matrix: Matrix, h: Ball) -> Matrix:
@@ -276,16 +316,17 @@ def _solved(matrices: Sequence[Matrix], first: Matrix, order: int) -> list[Matri
 
 
 def passage(
-    motion: Motion, state: State, length: Ball, shares: Sequence[Fraction]
+    motion: Motion, state: State, length: Ball, shares: Sequence[Fraction], *, rough: bool = False
 ) -> tuple[State, tuple[Stage, ...]]:
     """Return the set that the motion over an arc leads to in steps of given shares of its length,
-    and the stages on its way.
+    and the stages on its way; a rough one is no enclosure.
     """
+    move = nearly if rough else step
     during: list[Stage] = []
     left = list(reversed(shares))
     while left:
         share = left.pop()
-        made = step(motion, state, length * share.numerator / share.denominator)
+        made = move(motion, state, length * share.numerator / share.denominator)
         if made is not None and finite(made[0].box):
             state = made[0]
             during.append(made[1])

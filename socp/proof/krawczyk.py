@@ -120,8 +120,8 @@ class Shot:
             found.append(its)
         return found
 
-    def run(self, y: Sequence[Ball], steps: list[list[Fraction]]) -> Run:
-        """Return the equations at unknowns."""
+    def run(self, y: Sequence[Ball], steps: list[list[Fraction]], *, rough: bool = False) -> Run:
+        """Return the equations at unknowns; of a rough run nothing is an enclosure."""
         module, count, begin = flint(), len(y), self.begin(y)
         first = self.chain.system.x.numel()
         by_begin = module.arb_mat(len(begin), count)
@@ -135,7 +135,7 @@ class Shot:
         for k, (motion, length, (held, slopes), its) in enumerate(pieces):
             left += _numbers(held.call(state.box))
             rows += _rows(slopes.call(state.box), state.derivative)
-            state, its_stages = passage(motion, state, length, its)
+            state, its_stages = passage(motion, state, length, its, rough=rough)
             state = state.lengthened(motion, first + len(self.chain.free) + k)
             stages.append(its_stages)
             corners.append(state.box)
@@ -191,7 +191,7 @@ def newton(shot: Shot) -> tuple[list[Ball], Matrix, list[list[Fraction]], list[B
     steps = shot.shares(y)
     size = math.inf
     for _ in range(_NEWTON):
-        run = shot.run(y, steps)
+        run = shot.run(y, steps, rough=size > _QUADRATIC)
         inverse = _inverse(run.slope)
         moved = _moved(inverse, run.left)
         before, size = size, _largest(moved)

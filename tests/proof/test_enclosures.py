@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from socp.errors import SolveError
-from socp.proof.balls import ball, compiled, flint, precision
+from socp.proof.balls import ball, coefficients, compiled, flint, precision
 from socp.proof.exact import Exact, Numbers
 from socp.proof.flow import Motion, State, passage, shares
 
@@ -100,3 +100,23 @@ def test_a_motion_without_end_is_not_enclosed() -> None:
         motion = Motion.of(z * z, z, {})
         with pytest.raises(SolveError, match="could not be enclosed"):
             shares(motion, [arb(1)], arb(2), 1e-12)
+
+
+@pytest.mark.parametrize("order", [5, 12, 18, 24])
+def test_taylor_coefficients_of_nonlinear_motions(order: int) -> None:
+    """X' = x^2 from 1 is 1 / (1 - t): every coefficient is 1. And y' = x y from 1 is the same."""
+    z = casadi.SX.sym("z", 2)
+    with precision(128):
+        motion = Motion.of(casadi.vertcat(z[0] ** 2, z[0] * z[1]), z, {})
+        wide = motion.series([flint().arb(1, 1e-30), flint().arb(1)], order)
+        for its in wide:
+            found = coefficients(its, order + 1)
+            assert all(each.contains(1) for each in found)
+            assert max(float(each.rad()) for each in found) < 1e-25
+
+
+def test_a_series_does_not_know_what_was_cut_off() -> None:
+    flint().ctx.cap = 3
+    short = flint().arb_series([1, 1])
+    with pytest.raises(ValueError, match="3 coefficients of 4"):
+        coefficients(short, 4)
