@@ -28,8 +28,13 @@ NAMES = (
     "double_integrator_time",
     "double_integrator_vlimit",
     "dubins_csc",
+    "fishery_discounted",
+    "goddard",
+    "goddard_fixed_time",
+    "goddard_vlimit",
     "jacobson_1",
     "rayleigh_time",
+    "robot_arm",
     "vdp_regulator",
 )
 PROBLEMS: dict[str, Problem] = {
