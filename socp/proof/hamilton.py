@@ -152,7 +152,8 @@ def loop(system: Hamiltonian, modes: Modes, near: Callable[[Expr], np.ndarray]) 
     """
     kinds = [mode.kind for mode in modes]
     if "free" in kinds:
-        raise SolveError("a control without a law")
+        free = system.problem.control_names[kinds.index("free")]
+        raise SolveError(f"'{free}' follows no law on an arc: what is proved is a word's extremal")
     singular = [i for i, kind in enumerate(kinds) if kind == "singular"]
     on = {
         i: _followed(system, i, mode)

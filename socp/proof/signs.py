@@ -21,7 +21,8 @@ from socp.proof.flow import Stage
 from socp.proof.hamilton import is_zero, slope_of_switching
 from socp.proof.krawczyk import Proved, Shot
 
-_PARTS = (4, 32)  # of a step in which a quantity is looked at, where it is too wide as a whole
+_FEW = (1, 4)  # parts of a step in which a derivative is looked at
+_PARTS = (*_FEW, 32, 256)  # in which a quantity is: more are narrower
 _ORDER = 4  # derivatives at a joint: a control leaves an arc of order 2 with the fourth
 
 
@@ -182,22 +183,20 @@ class Signs:
     # -- along a piece
 
     def _along(self, k: int, sign: Sign) -> None:
-        """Show that a quantity is not negative along piece k."""
+        """Show that a quantity is not negative along piece k: by a derivative from where it
+        vanishes on, and by itself in between.
+        """
         piece, tower = self.chain.pieces[k], sign.tower
-        orders = [self._order(k, piece, tower), self._order(k + 1, piece, tower)]
+        first, final = self._order(k, piece, tower), self._order(k + 1, piece, tower)
         ranges = _Ranges(self.shot, piece, tower, self.proved.run.stages[k])
         count = len(ranges.stages)
-        shown = [False] * count
-        for j in range(count):
-            if not (orders[0] and ranges.positive(j, orders[0], 1)):
-                break
-            shown[j] = True
-        for j in reversed(range(count)):
-            if shown[j] or not (orders[1] and ranges.positive(j, orders[1], (-1) ** orders[1])):
-                break
-            shown[j] = True
-        for j in range(count):
-            if not shown[j] and not ranges.positive(j, 0, 1):
+        front, back = 0, count - 1  # the first and the last stage that no derivative shows alone
+        while first and front < count and ranges.positive(front, first, 1):
+            front += 1
+        while final and back >= front and ranges.positive(back, final, (-1) ** final):
+            back -= 1
+        for j in range(front, back + 1):
+            if not ranges.shown(j, first if j == front else 0, final if j == back else 0):
                 raise SolveError(
                     f"{sign.what}: not shown on arc {piece.arc + 1}, {j / count:.0%} of its steps: "
                     f"its enclosure there is {ranges.told(j)}"
@@ -262,25 +261,35 @@ class _Ranges:
         system = self.shot.chain.system
         return compiled(column(self.tower), system.z, self.shot.at(self.piece.signs))
 
-    @cached_property
-    def _rows(self) -> list[list[Ball]]:
-        return [_balls(self._function.call(stage.during)) for stage in self.stages]
+    def _rows(self, j: int, count: int) -> list[list[Ball]]:
+        """Return the enclosures in so many parts of a stage."""
+        stage = self.stages[j]
+        boxes = [stage.during] if count == 1 else stage.parts(count)
+        return [_balls(self._function.call(box)) for box in boxes]
 
     def positive(self, j: int, order: int, side: int) -> bool:
-        """Tell whether side times a derivative is positive on a stage, as a whole or in parts."""
-        if positive(side * self._rows[j][order]):
-            return True
+        """Tell whether side times a derivative is positive on a whole stage."""
         return any(
-            all(
-                positive(side * _balls(self._function.call(box))[order])
-                for box in self.stages[j].parts(count)
-            )
-            for count in _PARTS
+            all(positive(side * row[order]) for row in self._rows(j, count)) for count in _FEW
         )
+
+    def shown(self, j: int, first: int, final: int) -> bool:
+        """Tell whether the quantity is positive on a stage, in whose first parts the derivative of
+        an order may say so, and in its last ones another; 0 where none does.
+        """
+        for count in _PARTS:
+            rows = self._rows(j, count)
+            while first and rows and positive(rows[0][first]):
+                del rows[0]
+            while final and rows and positive((-1) ** final * rows[-1][final]):
+                del rows[-1]
+            if all(positive(row[0]) for row in rows):
+                return True
+        return False
 
     def told(self, j: int) -> str:
         """Return the enclosure of the quantity on a stage as text."""
-        return str(self._rows[j][0].str(5))
+        return str(self._rows(j, 1)[0][0].str(5))
 
 
 def _balls(found: Sequence[Ball]) -> list[Ball]:
