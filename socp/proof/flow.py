@@ -29,6 +29,9 @@ _WIDER = 1.1
 _PERRON = 12  # rounds of the power method: sizes need no digits
 _LEAST = (1.0, 1e-2, 1e-4, 1e-6)  # sizes of quantities, of the largest, that are tried
 _GRID = 1 << 20  # shares of an arc's length: steps are whole multiples of one of these
+# Steps of an arc, at some hundredths of a second each: more take too long; and after how many their
+# number is foreseen
+_MANY, _SEEN = 4000, 200
 _FINEST = 1 << 24  # shares of it: what is not enclosed in such a step will not be in a shorter one
 _LOOSER = 1.1  # steps that were too long for an enclosure get longer by this again
 _HALF = 2  # a step that is not enclosed is made in so many
@@ -352,6 +355,8 @@ def shares(
         elif made[1] <= small:
             found.append(Fraction(size, _GRID))
             z, done, most = made[0], done + size, most * _LOOSER
+            if len(found) >= _SEEN and (expected := len(found) * _GRID // done) > _MANY:
+                raise SolveError(f"an arc would take some {expected} steps, at most {_MANY}")
         if size == 1 and (made is None or not made[1] <= small):
             raise SolveError("the motion could not be enclosed in any steps")
         if made is not None:

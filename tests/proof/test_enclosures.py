@@ -120,3 +120,12 @@ def test_a_series_does_not_know_what_was_cut_off() -> None:
     short = flint().arb_series([1, 1])
     with pytest.raises(ValueError, match="3 coefficients of 4"):
         coefficients(short, 4)
+
+
+def test_an_arc_of_too_many_steps_is_refused_soon() -> None:
+    """Ten thousand turns of an oscillator take some steps each."""
+    z = casadi.SX.sym("z", 2)
+    with precision(128):
+        motion = Motion.of(casadi.vertcat(z[1], -z[0]), z, {})
+        with pytest.raises(SolveError, match="steps, at most 4000"):
+            shares(motion, [flint().arb(1), flint().arb(0)], flint().arb(62832), 1e-22)
