@@ -7,6 +7,7 @@ import json
 import os
 import time as clock
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from typing import Any
@@ -330,6 +331,9 @@ def test_the_bound_in_hand_is_returned_when_the_time_is_over_or_ctrl_c_comes() -
     assert found.bound == told[0]
     assert checked(found.certificate) == Fraction(found.certificate["bound"])
     assert found.seconds < 100.0
+    nothing = lower_bound(REST, replace(solved(REST, "- s"), objective=float("nan")), 1e-3)
+    assert nothing.reason == "there was no time for it"
+    assert found.gap(replace(solved(REST, "- s"), objective=float("nan"))) is None
     late = lower_bound(REST, solved(REST, "- s"), 1e-3)
     assert late.bound is None
     assert late.reason == "there was no time for it"

@@ -52,7 +52,7 @@ COUNT, STEPS = 1000, 400  # trajectories; steps of Runge and Kutta's method
 
 @cache
 def known(name: str) -> Solution:
-    method = Registry.load().method("auto")()
+    method = Registry.load().method("auto")(seconds=300.0)
     return run(method, PROBLEMS[name], default_guess(PROBLEMS[name]))
 
 

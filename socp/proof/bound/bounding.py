@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
-from math import nan
+from math import isfinite, nan
 from queue import Empty, SimpleQueue
 from subprocess import DEVNULL, PIPE, Popen
 from threading import Thread
@@ -48,6 +48,8 @@ def lower_bound(
     flint()
     began, until = time.perf_counter(), time.time() + seconds
     found = LowerBound(problem=problem.name, reason="there was no time for it")
+    if solution is not None and not isfinite(solution.objective):
+        solution = None  # nothing was found
     goal = None if solution is None else solution.objective
     try:
         setting(problem)  # what has no bound is said at once

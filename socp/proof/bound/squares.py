@@ -243,7 +243,7 @@ def solved(
         with warnings.catch_warnings():  # how accurate it is shows when it is checked
             warnings.simplefilter("ignore")
             problem.solve(solver="CLARABEL", time_limit=max(left(), 1.0))
-    except cvxpy.error.SolverError as error:
+    except (cvxpy.error.SolverError, ValueError) as error:  # the latter of data out of range
         raise SolveError(f"the semidefinite solver: {error}") from error
     if v.value is None or problem.status not in {"optimal", "optimal_inaccurate"}:
         raise SolveError(f"the semidefinite programme is {problem.status}")

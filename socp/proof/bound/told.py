@@ -26,8 +26,10 @@ class LowerBound:
     interrupted: bool = False
 
     def gap(self, solution: Solution) -> float | None:
-        """Return how far the optimum may be below a solution's objective, over its magnitude."""
-        if self.bound is None:
+        """Return how far the optimum may be below a solution's objective, over its magnitude; None
+        where either is missing.
+        """
+        if self.bound is None or not np.isfinite(solution.objective):
             return None
         size = max(abs(solution.objective), float(np.finfo(float).tiny))
         return (solution.objective - self.bound) / size

@@ -9,7 +9,7 @@ import sys
 from dataclasses import asdict
 from typing import IO
 
-from socp.errors import SocpError
+from socp.errors import SocpError, load
 from socp.process import end_with
 from socp.proof.bound.searching import Job, bounds
 from socp.proof.bound.told import LowerBound
@@ -19,10 +19,9 @@ def main(given: IO[bytes], told: IO[str]) -> None:
     """Do the job that is given."""
     job: Job = pickle.loads(given.read())  # noqa: S301 - the parent wrote it
     end_with(job.parent)
-    import cvxpy  # noqa: F401 - its seconds are not those of the first programme
-
     found: LowerBound | None = None
     try:
+        load("cvxpy", "prove", "a lower bound")  # its seconds are not those of a programme
         for found in bounds(job):
             print(json.dumps(asdict(found)), file=told, flush=True)
     except (SocpError, MemoryError) as error:
