@@ -108,7 +108,9 @@ def compiled(expressions: Expr, given: Expr, values: Mapping[Expr, Any]) -> Comp
     def of_operation(operation: int, *arguments: str) -> str:
         name = _NAMES.get(operation)
         if name is None:
-            raise SolveError(f"the operation {operation} has no enclosure")
+            known = (each for each in vars(casadi) if each.startswith("OP_"))
+            its = next(each for each in known if getattr(casadi, each) == operation)
+            raise SolveError(f"the operation {its[3:].lower()} has no enclosure")
         written = (_BINARY.get(name) or _UNARY[name]).format(*arguments)
         lines.append(f" w{len(lines)}={written}")
         return f"w{len(lines) - 1}"
