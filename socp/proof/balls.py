@@ -12,7 +12,7 @@ from typing import Any, final
 import casadi
 
 from socp.errors import SolveError
-from socp.model import Expr, fold, operation_names
+from socp.model import Expr, fold, operation_name, operation_names
 from socp.proof.exact import Exact
 
 Ball = Any  # an arb; python-flint is there only where something is proved
@@ -108,9 +108,7 @@ def compiled(expressions: Expr, given: Expr, values: Mapping[Expr, Any]) -> Comp
     def of_operation(operation: int, *arguments: str) -> str:
         name = _NAMES.get(operation)
         if name is None:
-            known = (each for each in vars(casadi) if each.startswith("OP_"))
-            its = next(each for each in known if getattr(casadi, each) == operation)
-            raise SolveError(f"the operation {its[3:].lower()} has no enclosure")
+            raise SolveError(f"'{operation_name(operation)}' has no enclosure")
         written = (_BINARY.get(name) or _UNARY[name]).format(*arguments)
         lines.append(f" w{len(lines)}={written}")
         return f"w{len(lines) - 1}"

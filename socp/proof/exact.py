@@ -15,7 +15,7 @@ from typing import Any, final
 import casadi
 
 from socp.errors import SolveError
-from socp.model import Expr, fold, operation_names
+from socp.model import Expr, fold, operation_name, operation_names
 
 # A number with no more digits than this is one that somebody wrote down
 _WRITTEN = 12
@@ -129,7 +129,7 @@ class Numbers:
             return casadi.SX.binary(operation, *given[:2])
         if operation in _UNARY:
             return casadi.SX.unary(operation, given[0])
-        raise SolveError(f"the operation {operation} has no enclosure")
+        raise SolveError(f"'{operation_name(operation)}' has no enclosure")
 
     def _kink(self, argument: Expr) -> Expr:
         for symbol, known in self.kinks.items():
