@@ -66,7 +66,7 @@ def test_json(capsys: pytest.CaptureFixture[str]) -> None:
     ("arguments", "code", "text"),
     [
         (["check", "none.json"], 1, "none.json: No such file"),
-        (["check", "cart.py"], 1, "cart.py: not a socp result"),
+        (["check", "cart.py"], 1, "cart.py: this is a problem, and the command takes its result"),
         (
             ["check", "old.json"],
             3,
