@@ -324,6 +324,6 @@ def test_decompositions_end_with_their_status(solver: str) -> None:
 
 @pytest.mark.slow
 def test_gdpopt_ends_with_a_point_of_the_auv() -> None:
-    found = minlp(auv, "gdpopt", 4, 8, 25.0, default_guess(auv))
+    found = minlp(auv, "gdpopt", 4, 8, 45.0, default_guess(auv))
     assert found.nodes[0].word
     assert found.objective < 15.0
