@@ -14,8 +14,8 @@ from typing import final
 import casadi
 import numpy as np
 
-from socp.errors import MethodError, SolveError
-from socp.model import Problem, Sensitivities, Sensitivity, Solution, numbers
+from socp.errors import MethodError, ProblemError, SolveError
+from socp.model import Problem, Sensitivities, Sensitivity, Solution, known_problem, numbers
 from socp.process import one_thread
 from socp.transcription import PhasedProblem, Shooting
 from socp.verdict.accuracy import word_problem
@@ -27,6 +27,8 @@ _WEAK = 1e-8
 # Differences of order 4 in a number of the problem: with this step, of its magnitude, both their
 # error and rounding are below 1e-11
 _STEP = 1e-3
+# and a derivative that moves a quantity by less, of its magnitude, is none
+_ROUNDING = 1e-11
 _WEIGHTS: Mapping[int, float] = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
 
 
@@ -42,50 +44,86 @@ def derivatives(
 
     Data are the values that hold at the ends, `start.x`, `end.x`, `initial_time`, `final_time`,
     parameters with equal bounds, named constants, levels of end conditions, `target.NAME`, and
-    finite bounds of controls and states, `u.upper`, `x.lower`. Raises MethodError for what is no
-    datum, SolveError where there are no derivatives, with the reason.
+    finite bounds of controls and states, `u.upper`, `x.lower`. What is within the rounding of its
+    quantity is 0. Raises MethodError for what is no datum, SolveError where there are no
+    derivatives, with the reason; where none is named, data without one are `missing` in its place.
     """
+    found, missing = [], dict[str, str]()
     with np.errstate(all="ignore"):
         system = _system(problem, solution)
-        found = tuple(_derived(system, name, at) for name in to or data_names(problem))
+        for name in to or data_values(problem):
+            try:
+                found.append(_rounded(system, _derived(system, name, at)))
+            except SolveError as error:
+                if to:
+                    raise
+                missing[name] = str(error)
     return Sensitivities(
         problem=problem.name,
         word=solution.word,
         junctions=tuple(solution.junctions.tolist()),
         states=problem.state_names,
-        derivatives=found,
+        derivatives=tuple(found),
+        missing=missing,
     )
 
 
 def sensitivity_view(
-    solution: Solution, problem: Problem, to: Sequence[str] = (), at: Sequence[float] = ()
+    solution: Solution,
+    problem: Problem | None = None,
+    to: Sequence[str] = (),
+    at: Sequence[float] = (),
 ) -> Sensitivities:
     """Return the derivatives of a solution as its method `sensitivity` does."""
-    return derivatives(problem, solution, to, at)
+    found = problem or known_problem(solution)
+    if found is None:
+        raise MethodError(
+            "the solution carries no problem; give one: solution.sensitivity(problem)"
+        )
+    return derivatives(found, solution, to, at)
 
 
-def data_names(problem: Problem) -> list[str]:
-    """Return the names of the data of a problem that a solution may be derived by."""
-    found = []
-    for end, box in (("start", problem.start_box), ("end", problem.end_box)):
-        found += [f"{end}.{n}" for n, b in zip(problem.state_names, box.T, strict=True) if _any(b)]
-    found += [
-        n for n, b in zip(problem.parameter_names, problem.parameter_box.T, strict=True) if _any(b)
+def data_values(problem: Problem) -> dict[str, float]:
+    """Return the data of a problem that a solution may be derived by, and their values; 0 for the
+    level of an end condition.
+    """
+    rows = [
+        *((f"start.{n}", b) for n, b in zip(problem.state_names, problem.start_box.T, strict=True)),
+        *((f"end.{n}", b) for n, b in zip(problem.state_names, problem.end_box.T, strict=True)),
+        *zip(problem.parameter_names, problem.parameter_box.T, strict=True),
+        *((name, np.full(1, each.value)) for name, each in problem.constants.items()),
+        ("initial_time", np.array(problem.initial_time_box)),
+        ("final_time", np.array(problem.final_time_box)),
+        *((f"target.{each.name}", np.zeros(1)) for each in problem.conditions),
     ]
-    found += list(problem.constants)
-    times = ("initial_time", problem.initial_time_box), ("final_time", problem.final_time_box)
-    found += [name for name, box in times if _any(np.array(box))]
-    found += [f"target.{each.name}" for each in problem.conditions]
     bounds = ((problem.control_names, problem.box), (problem.state_names, problem.state_box))
     for names, box in bounds:
-        for name, pair in zip(names, box.T, strict=True):
-            ends = zip(("lower", "upper"), pair, strict=True)
-            found += [f"{name}.{end}" for end, value in ends if np.isfinite(value)]
-    return found
+        for name, (low, high) in zip(names, box.T, strict=True):
+            rows += [(f"{name}.lower", np.full(1, low)), (f"{name}.upper", np.full(1, high))]
+    ends = ((name, box[np.isfinite(box)]) for name, box in rows)
+    return {name: float(np.abs(box).max()) for name, box in ends if box.size}
 
 
-def _any(box: np.ndarray) -> bool:
-    return bool(np.isfinite(box).any())
+def _rounded(system: "_System", found: Sensitivity) -> Sensitivity:
+    """Return derivatives with 0 for what is within the rounding of its quantity: a change of the
+    datum by its magnitude, 1 at least as its differences are made, moves it by less.
+    """
+    solution, change = system.solution, max(data_values(system.problem)[found.to], 1.0)
+    horizon = max(abs(solution.initial_time), abs(solution.final_time))
+    sizes = np.abs(solution.rows("x")).max(axis=1)
+
+    def kept(value: float, size: float) -> float:
+        return 0.0 if abs(value) * change <= _ROUNDING * abs(size) else value
+
+    return replace(
+        found,
+        objective=kept(found.objective, solution.objective),
+        initial_time=kept(found.initial_time, horizon),
+        junctions=tuple(kept(each, horizon) for each in found.junctions),
+        final_time=kept(found.final_time, horizon),
+        parameters={n: kept(v, solution.parameters[n]) for n, v in found.parameters.items()},
+        states={t: tuple(map(kept, values, sizes.tolist())) for t, values in found.states.items()},
+    )
 
 
 @final
@@ -182,7 +220,7 @@ def _change(system: _System, name: str) -> _Change:
         equations[place] = -1.0
         return _Change(np.zeros(at.size), equations, -float(held[place]))
     symbol, _, end = name.rpartition(".")
-    known = data_names(system.problem)
+    known = data_values(system.problem)
     if name not in known:
         raise MethodError(f"'{name}' is no datum of the problem; there are {', '.join(known)}")
     if name in system.problem.constants:
@@ -212,7 +250,11 @@ def _varied(
     slope, equations, lagrangian, flows = np.zeros(at.size), np.zeros(held.size), 0.0, []
     active = frozenset((row.name, row.sign) for row in shooting.ends if row.sign)
     for side, weight in _WEIGHTS.items():
-        known = word_problem(changed(value + side * step), system.solution, _POINTS)
+        try:
+            problem = changed(value + side * step)
+        except ProblemError as error:
+            raise SolveError(f"no derivative by {name}: moved by {step:g}, {error}") from None
+        known = word_problem(problem, system.solution, _POINTS)
         if known is None or known.pieces != system.pieces:
             raise SolveError(f"no derivative by {name}: kinks move with it")
         there = Shooting(known.phased, shooting.solution, shooting.steps, active=active)

@@ -26,7 +26,7 @@ from socp.methods.polish import polished
 from socp.methods.solving import Follower
 from socp.model.ladder.sensitivity import Sensitivity
 from socp.registry import Registry
-from socp.verdict.sensitivity import data_names, derivatives
+from socp.verdict.sensitivity import data_values, derivatives
 
 
 def solved(problem: Problem, text: str, lengths: list[float] | None = None) -> Solution:
@@ -85,7 +85,7 @@ def test_a_named_constant_in_closed_form() -> None:
     )
     (found,), r = derivatives(problem, solved(problem, "u: - +", [0.3, 1.2]), ["force"]), sqrt(1.5)
     assert flat(found) == pytest.approx([1 - 2 / r, 1 - 1 / r, 1 - 2 / r], rel=1e-9)
-    assert "force" in data_names(problem)
+    assert "force" in data_values(problem)
 
 
 def test_derivatives_as_a_method_and_as_a_dataset() -> None:
@@ -104,8 +104,50 @@ def test_derivatives_as_a_method_and_as_a_dataset() -> None:
     assert (shown.attrs["problem"], shown.attrs["word"]) == ("double_integrator", "u: - +")
     assert found.data["derivatives"][0]["objective"] == found[0].objective
     every = solution.sensitivity(problem)
-    assert [each.to for each in every] == data_names(problem)
+    assert [each.to for each in every] == list(data_values(problem))
     assert every.to_xarray().states.shape == (len(every), 0, 2)
+
+
+def test_what_does_not_move_is_zero() -> None:
+    """Where x' = x u with u <= 2 leads from 1 as far as it can until 1, x(1) = x(0) e^2: the
+    horizon moves with its own ends alone, and the lower bound moves nothing.
+    """
+    x, u = states("x"), controls("u")
+    problem = Problem(
+        name="grown",
+        minimise=-x,
+        dynamics={x: x * u},
+        bounds={u: (-1, 2)},
+        start={x: 1},
+        final_time=1,
+    )
+    found = {each.to: each for each in solved(problem, "u: +").sensitivity(at=[0.5])}
+    assert found["start.x"].objective == pytest.approx(-np.exp(2), rel=1e-9)
+    assert found["start.x"].states[0.5] == pytest.approx([np.exp(1)], rel=1e-9)
+    assert (found["start.x"].final_time, found["final_time"].initial_time) == (0.0, 0.0)
+    assert (found["u.lower"].objective, found["u.lower"].states[0.5]) == (0.0, (0.0,))
+    assert found["final_time"].final_time == pytest.approx(1)
+
+
+def test_a_datum_that_cannot_move_is_told_beside_those_that_can() -> None:
+    """The start is at the lower bound of v: moved up, there is no such problem."""
+    x, v = states("x v")
+    u = controls("u")
+    problem = Problem(
+        name="grounded",
+        minimise=final_time,
+        dynamics={x: v, v: u},
+        bounds={u: (-1, 1), v: (0, 5)},
+        start={x: 0, v: 0},
+        end={x: 1},
+    )
+    solution = solved(problem, "u: +")
+    found = solution.sensitivity()
+    assert list(found.missing) == ["v.lower"]
+    assert "no derivative by v.lower: moved by" in found.missing["v.lower"]
+    assert {"end.x", "u.upper", "v.upper"} <= {each.to for each in found}
+    with pytest.raises(SolveError, match=r"no derivative by v\.lower: moved by"):
+        solution.sensitivity(to=["v.lower"])
 
 
 @pytest.mark.slow
@@ -258,5 +300,5 @@ def test_two_controls_that_switch_at_one_time_have_none() -> None:
 def test_the_data_of_a_problem_have_names() -> None:
     problem = double_integrator(0.0, 0.0, limit=2.0)
     ends = ["start.x", "start.v", "end.x", "end.v", "initial_time"]
-    assert data_names(problem)[:5] == ends
-    assert data_names(problem)[-3:] == ["u.lower", "u.upper", "v.upper"]
+    assert list(data_values(problem))[:5] == ends
+    assert list(data_values(problem))[-3:] == ["u.lower", "u.upper", "v.upper"]

@@ -51,8 +51,8 @@ def sensitivity(
 
     Data are values at the ends, `start.x` and `end.x`, `initial_time` and `final_time`, parameters
     with equal bounds, bounds of controls and states, `u.upper`, and levels of end conditions,
-    `target.NAME`. The derivatives are those along the word of the result. Exit code 1 where there
-    are none; the message says why.
+    `target.NAME`. The derivatives are those along the word of the result; 0 is what is within the
+    rounding of its quantity. Exit code 1 where there are none; the message says why.
     """
     from socp.verdict import derivatives, judge
 
@@ -64,16 +64,13 @@ def sensitivity(
     if as_json:
         write_json(derived.data)
     else:
-        show(heading(found.name, found.title), _table(found, solution, derived))
+        reasons = map(Text, derived.missing.values())
+        show(heading(found.name, found.title), _table(found, solution, derived), *reasons)
     return Exit.SOLVED
 
 
 def _table(problem: "Problem", solution: "Solution", derived: "Sensitivities") -> Table:
-    """Return the derivatives, a quantity a row and a datum a column."""
-    table = Table(header_style="bold", box=None)
-    table.add_column("derivative of", no_wrap=True)
-    for each in derived:
-        table.add_column(Text(f"by {each.to}"), justify="right")
+    """Return the derivatives, quantities by data; there are rows of what there is more of."""
     rows = [("objective", [each.objective for each in derived])]
     if any(each.initial_time for each in derived):
         rows.append(("initial time", [each.initial_time for each in derived]))
@@ -84,6 +81,15 @@ def _table(problem: "Problem", solution: "Solution", derived: "Sensitivities") -
     for t in derived[0].states if len(derived) else ():
         for i, name in enumerate(problem.state_names):
             rows.append((f"{name} at {t:g}", [each.states[t][i] for each in derived]))
+    corner, heads = "derivative of", [f"by {each.to}" for each in derived]
+    if len(heads) > len(rows):
+        turned = zip(heads, zip(*(values for _, values in rows), strict=True), strict=True)
+        corner, heads = "derivative", [f"of {label}" for label, _ in rows]
+        rows = [(head, list(values)) for head, values in turned]
+    table = Table(header_style="bold", box=None)
+    table.add_column(corner, no_wrap=True)
+    for head in heads:
+        table.add_column(Text(head), justify="right", overflow="fold")
     for label, values in rows:
         table.add_row(Text(label), *(Text(f"{value:.9g}") for value in values))
     return table

@@ -30,7 +30,8 @@ class Sensitivity:
 @dataclass(frozen=True, kw_only=True)
 class Sensitivities:
     """Derivatives of one extremal, of a problem's name along a `word`, by one datum after another;
-    `junctions` are the times between its arcs.
+    `junctions` are the times between its arcs, `missing` says of every datum without derivatives
+    why it has none.
     """
 
     problem: str
@@ -38,6 +39,7 @@ class Sensitivities:
     junctions: tuple[float, ...]
     states: tuple[str, ...]
     derivatives: tuple[Sensitivity, ...]
+    missing: Mapping[str, str] = field(default_factory=dict)
 
     def __iter__(self) -> Iterator[Sensitivity]:
         return iter(self.derivatives)

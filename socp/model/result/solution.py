@@ -319,10 +319,16 @@ class Solution:
         return found
 
     def sensitivity(
-        self, problem: "Problem", to: Sequence[str] = (), at: Sequence[float] = ()
+        self,
+        problem: "Problem | None" = None,
+        to: Sequence[str] = (),
+        at: Sequence[float] = (),
     ) -> Sensitivities:
         """Return the derivatives of a certified solution with respect to data of its problem, all
         where none is named, with those of the states at times `at`: see `socp.verdict.derivatives`.
+        The problem is the one that the solution carries, unless another is given.
+
+        Raises MethodError for what is no datum, SolveError where there are none, with the reason.
         """
         found: Sensitivities = view("sensitivity")(self, problem, to, at)
         return found
