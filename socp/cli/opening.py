@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 from socp.cli.session import Session
 from socp.errors import ProblemError, SolveError
-from socp.registry import check_guess, load_problem
+from socp.model import check_names
+from socp.registry import load_problem
 
 if TYPE_CHECKING:
     from socp.model import Problem, Solution
@@ -43,7 +44,7 @@ def open_result(
             _compare(
                 session, own, problem, f"problem '{given}' is used; that of the result differs"
             )
-        return _agreeing(path, check_guess(path, solution, problem), problem), problem
+        return _agreeing(path, check_names(path, solution, problem), problem), problem
     registered = _registered(solution.problem, registry)
     if own is not None:
         if registered is not None:
@@ -53,7 +54,7 @@ def open_result(
     if registered is None:
         return solution, None
     try:
-        check_guess(path, solution, registered)
+        check_names(path, solution, registered)
     except SolveError:  # another problem of the same name
         return solution, None
     session.warn(

@@ -49,7 +49,8 @@ def option(default: Any, doc: str, *, least: float | None = None, most: float | 
     """Declare an option of a method: its default, one line for the user, the least and the greatest
     value allowed.
 
-    A whole number without a greatest value of its own is at most `LARGEST`.
+    A whole number without a greatest value of its own is at most `LARGEST`. `run` and `socp.solve`
+    raise MethodError for a value of another type or out of range.
     """
     return field(default=default, metadata={"doc": doc, "least": least, "most": most})
 
@@ -132,7 +133,8 @@ def solve_collocated(
 
     Unless `longer` is false: a solver that shortens a free horizon too eagerly gets caught where no
     control can meet the ends any more. Then the ends are met with longer horizons held fixed first,
-    and the horizon is set free there.
+    and the horizon is set free there. Guess and solution are in the problem's units. Raises
+    MethodError where the meshes do not fit the phases.
     """
     solution = _attempt(phased, meshes, backend, guess, watch)
     low, high = phased.of.final_time_box

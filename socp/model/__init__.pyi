@@ -1,6 +1,7 @@
 from .advice import hint_for as hint_for
 from .checks import check_controls as check_controls
 from .data.carried import carried_problem as carried_problem
+from .data.carried import check_names as check_names
 from .data.carried import known_problem as known_problem
 from .data.comparing import differences as differences
 from .data.consistency import check_constraints as check_constraints

@@ -38,7 +38,11 @@ class EndCondition:
 @final
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """Known values to compare with; no method reads them."""
+    """Known values to compare with, in the problem's units; no method reads them.
+
+    `switches` are all switching times in order, `word` one as reports print it, `tolerance` is of
+    the objective, relative. `Problem` raises ProblemError for what is no number, time or text.
+    """
 
     objective: float
     switches: tuple[float, ...] = ()
@@ -54,8 +58,8 @@ class Scene:
 
     plane: the two coordinates. heading: direction of the vehicle in the plane, an angle in radians.
     flow: the two components of a current; with it the plane's coordinates are states, and the flow
-    depends on no other states. target: centre and radius of a disc, (cx, cy, radius). What is left
-    out is not drawn.
+    depends on no other states. target: centre and radius of a disc, (cx, cy, radius), in the units
+    of the plane. What is left out is not drawn. `Problem` raises ProblemError for anything else.
     """
 
     plane: tuple[Expr, Expr]

@@ -47,7 +47,8 @@ class Problem:
     `{f: {"u.upper": 4}}`). `guess` gives a number, a (start, end) pair or an expression of `time`
     by symbol; of a parameter, `initial_time` or `final_time` it gives a number.
 
-    Constants made by `constants` stand wherever numbers may. The fields hold their values;
+    All values are in the problem's own units, which `units` names; none is converted. Constants
+    made by `constants` stand wherever numbers may. The fields hold their values;
     `formula` keeps what was written with them, and is not given: `with_` changes values.
 
     Raises ProblemError, with the offending name, for anything that is not such a problem. The

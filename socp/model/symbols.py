@@ -34,7 +34,7 @@ free: tuple[float, float] = (-math.inf, math.inf)
 
 
 def states(names: str) -> Any:
-    """Declare states by name, such as `x, y` by "x y"; one name gives one symbol.
+    """Declare states by name, such as `x, y` by "x y"; one name gives one symbol, several a tuple.
 
     Raises ProblemError for what is no name, a name given twice, and the names of time: t, t0, tf.
     """

@@ -6,7 +6,6 @@ from .entries import origin as origin
 from .entries import reason as reason
 from .entries import suggest as suggest
 from .hooks import hookimpl as hookimpl
-from .loading import check_guess as check_guess
 from .loading import load_guess as load_guess
 from .loading import load_problem as load_problem
 from .plugins import PluginError as PluginError

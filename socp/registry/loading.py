@@ -71,28 +71,11 @@ def as_guess(path: str, solution: "Solution", problem: "Problem") -> "Solution":
     """
     import numpy as np
 
-    guess = check_guess(path, solution, problem)
+    from socp.model import check_names
+
+    guess = check_names(path, solution, problem)
     if not all(np.isfinite(each).all() for arc in guess.arcs for each in (arc.x, arc.u)):
         raise SolveError(f"{path}: states or controls in it are not finite; it is no guess")
-    return guess
-
-
-def check_guess(path: str, guess: "Solution", problem: "Problem") -> "Solution":
-    """Return a saved result as it is; SolveError where its states, controls or parameters are not
-    the problem's.
-    """
-    for kind in ("state", "control"):
-        saved, wanted = (getattr(each, f"{kind}_names") for each in (guess, problem))
-        if saved != wanted:
-            has, needs = (", ".join(names) or "none" for names in (saved, wanted))
-            raise SolveError(
-                f"{path}: its {kind}s are {has}, but those of problem '{problem.name}' are {needs}"
-            )
-    missing = [name for name in problem.parameter_names if name not in guess.parameters]
-    if missing:
-        raise SolveError(
-            f"{path}: has no parameter '{missing[0]}', which problem '{problem.name}' needs"
-        )
     return guess
 
 

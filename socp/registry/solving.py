@@ -29,6 +29,7 @@ def solve(
     by its name; without a guess it is the problem's own. Where the guess is a solution along a
     word, `auto` and `lgr-multiphase` go on along that word. `watch` is told of the progress;
     without one it is shown on a terminal and in a notebook, and `watch=socp.silent` shows nothing.
+    Values are in the problem's units; of times, `seconds` among the options alone is a clock's.
     Raises ProblemError and MethodError as the command does, SolveError for a guess of other states,
     controls or parameters.
     """

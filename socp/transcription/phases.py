@@ -9,6 +9,7 @@ import casadi
 import numpy as np
 
 from socp import laws
+from socp.errors import MethodError
 from socp.model import Expr, Mode, Modes, Problem, Word, column, of_motion, once, time
 from socp.transcription.kinks import decided
 
@@ -130,7 +131,11 @@ class PhasedProblem:
 def single_phase(problem: Problem, phases: int = 1) -> PhasedProblem:
     """Return the problem with all controls collocated, in one phase or in a given number of phases
     of free lengths.
+
+    Raises MethodError for fewer than one phase.
     """
+    if phases < 1:
+        raise MethodError(f"{phases} phases where 1 or more are needed")
     free = Word(problem.control_names, ((Mode("free"),) * len(problem.control_names),) * phases)
     return follow(problem, free)
 

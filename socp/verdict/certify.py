@@ -28,6 +28,7 @@ from socp.model import (
     Solution,
     Verdict,
     cached,
+    check_names,
     digits_of,
 )
 from socp.process import one_thread
@@ -220,7 +221,12 @@ def _with_multipliers(along: AdjointSystem, z: np.ndarray) -> tuple[Arc, ...]:
 def judge(problem: Problem, solution: Solution) -> Solution:
     """Return a solution with its structure, its verification, its verdict and its problem, all
     worked out anew; one that is feasible and no extremal is graded as well.
+
+    Misses and residuals in it are relative, derivatives and switching times in the problem's units.
+    Raises SolveError where the solution has other states, controls or parameters than the problem,
+    ProblemError for a law in it that is none.
     """
+    check_names("solution", solution, problem)
     return graded(problem, certified(problem, solution))
 
 

@@ -41,8 +41,9 @@ def constants(**given: Any) -> Any:
 
     `current, drag = constants(current=(0.8, "m/s", "strength of the current"), drag=1)`. Such a
     symbol stands wherever a number may, in bounds, ends, times, guesses and the scene too, alone or
-    in an expression; `Problem.with_` changes its value. Raises ProblemError for what is no name,
-    for the names of time, and for a value that is no finite number.
+    in an expression; `Problem.with_` changes its value, in the same unit. Raises
+    ProblemError for what is no name, for the names of time, and for a value that is no finite
+    number.
     """
     names = ", ".join(given)
     if not given:

@@ -52,7 +52,10 @@ def save(solution: Solution, path: str | Path) -> None:
 
 
 def load(path: str | Path) -> Solution:
-    """Read a result file; SolveError names the file and what is wrong with it."""
+    """Read a result file, judged as it was saved; values are in the units of its problem.
+
+    Raises SolveError, with the path and what is wrong with it.
+    """
     text = read_text(path)
     try:
         return from_json(text)

@@ -49,8 +49,10 @@ class Solution:
     """What a method returns, a point without a claim, and three records of what is known besides:
     the `effort` that it cost, the `judgement` of it, and its `origin`.
 
-    `objective` is the method's own value; `parameters` by name. What is asked most of the records
-    can be read from the solution itself: `solution.verdict` is `solution.judgement.verdict`.
+    `objective` is the method's own value; `parameters` by name; all values, and those of the
+    `arcs`, t (n,), x (nx, n), u (nu, n) and costate (nx, n), are in the problem's units. What is
+    asked most of the records can be read from the solution itself: `solution.verdict` is
+    `solution.judgement.verdict`.
     """
 
     problem: str
@@ -219,8 +221,8 @@ class Solution:
 
     @property
     def switches(self) -> list[float]:
-        """All switching times of the structure in order; times that differ by rounding alone are
-        one.
+        """All switching times (n,) of the structure in order, in the problem's units; times that
+        differ by rounding alone are one.
         """
         times = sorted({end for row in self.structure.values() for _, _, end in row[:-1]})
         apart = 1e-12 * (self.final_time - self.initial_time)
@@ -251,7 +253,7 @@ class Solution:
 
     @cached_property
     def t(self) -> np.ndarray:
-        """All nodes in time, switches twice."""
+        """All nodes in time (nodes,), switches twice."""
         return np.concatenate([arc.t for arc in self.arcs])
 
     def rows(self, which: Which) -> np.ndarray:
@@ -282,7 +284,7 @@ class Solution:
 
     @property
     def corners(self) -> tuple[float, ...]:
-        """Ends of all intervals of the mesh, in time."""
+        """Ends (intervals + 1,) of all intervals of the mesh, in time."""
         inner = [t for arc in self.arcs for t in arc.t[arc.mesh[:-1]].tolist()]
         return (*inner, self.final_time)
 
@@ -299,12 +301,16 @@ class Solution:
     def to_frame(self, problem: "Problem | None" = None) -> Any:
         """Return the values at the nodes as a pandas.DataFrame over time, a quantity a column, a
         switch twice; the problem is the one that the solution carries, unless another is given.
+
+        Raises MethodError where pandas is not installed.
         """
         return view("frame")(self, problem)
 
     def to_xarray(self, problem: "Problem | None" = None) -> Any:
         """Return the values at the nodes as an xarray.Dataset, with units and switching functions;
         the problem is the one that the solution carries, unless another is given.
+
+        Raises MethodError where xarray is not installed.
         """
         return view("dataset")(self, problem)
 
@@ -313,7 +319,8 @@ class Solution:
 
         The problem is what is driven, the one that the solution carries unless another is given.
         `how` is what the view `simulate` takes: `disturbance`, `feedback` and `start`, see
-        `socp.verdict.simulated`.
+        `socp.verdict.simulated`. Raises MethodError for a state that there is not, where no problem
+        is known, and where an arc has no law of the state.
         """
         found: Solution = view("simulate")(self, problem, **how)
         return found
@@ -338,7 +345,8 @@ class Solution:
         another is given.
 
         `look` is what the view `figure` takes: `panels`, `width` in inches, `stretch` for short
-        arcs, `beside` for other solutions in the same panels, `title`.
+        arcs, `beside` for other solutions in the same panels, `title`. Raises MethodError for other
+        panels and options, and where matplotlib is not installed.
         """
         return view("figure")(self, problem, **look)
 
