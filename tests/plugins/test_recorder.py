@@ -240,7 +240,16 @@ def test_controls_of_an_iterate_stand_between_their_bounds(
 def test_what_a_solver_did_shows_on_every_timeline(rough: tuple[Problem, Solution]) -> None:
     found = items(*rough)
     _, solver, _ = layout(*rough, found).parts
-    assert {each.kind for each in panels(solver) if each.timeline != "t"} <= {"bars", "text"}
+    assert {each.kind for each in panels(solver)} == {"bars", "plane", "text"}
+    (plane,) = (each for each in panels(solver) if each.kind == "plane")
+    rows = [each for each in visible(found, plane) if isinstance(each, Drawing)]
+    assert len(rows) == len(rough[1].effort.meshes) + 1
+    assert all(each.at is None for each in rows), "on no timeline, and so on all"
+    assert plane.box is not None
+    for row, mesh in zip(rows, (*rough[1].effort.meshes, rough[1].corners), strict=True):
+        assert len(row.points) == len(mesh)
+        low, high = np.sort(plane.box, axis=1).T
+        assert ((low < row.points * [1, -1]) & (row.points * [1, -1] < high)).all()
     bars = {each.path: each for each in found if isinstance(each, Bars)}
     objective = np.array(rough[1].effort.trace["objective"])
     apart = bars["/solver/bars/objective"].values[0]

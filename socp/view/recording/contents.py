@@ -13,7 +13,18 @@ import numpy as np
 from socp.model import EXTREMAL, Arc, Problem, Solution
 from socp.view import traces
 from socp.view.picture import Picture
-from socp.view.recording.items import GREY, PALETTE, Bars, Colour, Item, Lane, Note, Series
+from socp.view.recording.items import (
+    GREY,
+    PALETTE,
+    Bars,
+    Colour,
+    Drawing,
+    Item,
+    Lane,
+    Note,
+    Plane,
+    Series,
+)
 from socp.view.recording.plane import drawings
 from socp.view.recording.summary import search, summary
 
@@ -23,6 +34,7 @@ LOGARITHMIC = (
     "mu",
     "step",
 )  # of a solver's trace: spread over many powers of ten
+MESHES = 3.0  # width to height of the plane of the meshes, as its panel has in a column of four
 BARS = {  # what is shown for every timeline, and what it is called
     "objective": "Objective, distance to the last",
     "inf_pr": "Infeasibility",
@@ -237,12 +249,28 @@ def _search(solution: Solution, run: Run) -> Iterator[Item]:
             f"mesh/{k}", mesh, np.full(mesh.size, float(k)), f"mesh {k}", PALETTE[k % len(PALETTE)]
         )
         yield replace(row, points=True, width=2.5)
+        yield Drawing(
+            path=f"{run.root}/mesh/nodes/{k}",
+            kind="points",
+            points=_mesh_row(mesh, k, meshes),
+            colour=PALETTE[k % len(PALETTE)],
+        )
+    yield Plane(path=f"{run.root}/mesh/nodes", scale=(1.0, 1.0))
     sizes = np.array([mesh.size - 1.0 for mesh in meshes])
     at = np.arange(sizes.size, dtype=float)
     line = run.series("mesh/intervals", at, sizes, "intervals", PALETTE[0])
     yield replace(line, timeline="refinement")
     if sizes.size > 1:
         yield Bars(path=f"{run.root}/mesh/bars", at=at, values=sizes, colour=PALETTE[0])
+
+
+def _mesh_row(mesh: np.ndarray, k: int, meshes: list[np.ndarray]) -> np.ndarray:
+    """Return the nodes of the k-th mesh as points (n, 2) of a row, the first lowest, in a plane of
+    width `MESHES` and height 1 which all meshes of a run fill.
+    """
+    first, last = min(each[0] for each in meshes), max(each[-1] for each in meshes)
+    across = MESHES * (mesh - first) / (last - first)
+    return np.column_stack([across, np.full(mesh.size, (k + 0.5) / len(meshes))])
 
 
 def log10(values: np.ndarray) -> np.ndarray:

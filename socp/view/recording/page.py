@@ -7,16 +7,15 @@ import numpy as np
 
 from socp.model import TINY, Problem, Solution
 from socp.view.picture import Picture, picture_of
-from socp.view.recording.contents import BARS
+from socp.view.recording.contents import BARS, MESHES
 from socp.view.recording.items import GREY, Corner, Group, Item, Panel, Series, Timeline
 from socp.view.recording.iterates import controls_window
 from socp.view.recording.plane import STRIP, scale, window
 
 HELP = """\
 A curve shows on its own timeline, which is chosen in the panel at the bottom: `iteration` for
-the solver's trace, `refinement` for the nodes of a search, `t` for the meshes, `progress` for
-the tab Progress.
-Bars and tables show on all of them."""
+the solver's trace, `refinement` for the nodes of a search, `progress` for the tab Progress.
+Bars, meshes and tables show on all of them."""
 RUNNING, FITTED, CONTROLS = "/progress/plan", "/progress/fitted", "/progress/controls"
 _SEPARATE = 6  # panels in a column; more stand in two
 _FLAT = 1e-6  # of its magnitude: a quantity that varies less is shown as constant
@@ -164,10 +163,13 @@ def _solver(paths: set[str], roots: Sequence[str]) -> Group:
         # without bounds, and of one run, the table and the bars say as much on every timeline
         if "/search/objective" in paths and ("/search/bound" in paths or len(roots) > 1):
             search.append(_curves("Search by node", values, "refinement"))
-    rules = ("+ {}/mesh/**", "- {}/mesh/intervals", "- {}/mesh/bars")
-    nodes = tuple(rule.format(root) for root in roots for rule in rules)
     meshes = [
-        _curves("Nodes of the meshes in time, first below", nodes),
+        Panel(
+            kind="plane",
+            name="Nodes of the meshes in time, first below",
+            contents=_at(roots, "/mesh/nodes/**"),
+            box=np.array([[-0.02 * MESHES, 1.02 * MESHES], [-1.0, 0.0]]),  # y points down
+        ),
         *(
             [Panel(kind="bars", name="Intervals by mesh", contents=_at(roots[:1], "/mesh/bars"))]
             if "/mesh/bars" in paths
