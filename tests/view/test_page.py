@@ -18,6 +18,7 @@ from socp.registry.plugins import Registry
 from socp.view import to_page
 from socp.view.web.mathml import mathml
 from socp.view.web.plots import label_html
+from socp.view.web.skeleton import STYLE
 
 VOID = {"meta", "br", "link", "img", "input", "hr"}
 
@@ -94,6 +95,19 @@ def test_a_page_says_what_the_report_says(page: str, solution: Solution) -> None
     assert solution.verdict is not None
     for finding in solution.verdict.findings:
         assert finding.condition in text
+
+
+def test_every_colour_of_a_page_is_one_that_the_dark_changes() -> None:
+    """White at nine tenths of its inverse is 255 (1 - 0.9) = 0x1a a channel, the dark paper."""
+    light, rest = STYLE.split("@media screen and (prefers-color-scheme: dark) {")
+    dark, rules = rest.split("\n}\n", 1)
+    names = re.findall(r"--(\w+): #", light)
+    assert re.findall(r"--(\w+): #", dark) == names
+    assert set(re.findall(r"var\(--(\w+)\)", rules)) == set(names)
+    assert not re.search(r"#[0-9a-f]{3}", rules)
+    assert ".plot" in dark
+    assert "invert(.9)" in dark
+    assert f"--paper: #{3 * format(round(255 * 0.1 + 1e-9), '02x')}" in dark
 
 
 def test_plots_hold_the_values_of_the_solution(page: str, solution: Solution) -> None:
