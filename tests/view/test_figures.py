@@ -19,7 +19,20 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 from records import revised
 
-from socp import Problem, Solution, default_guess, errors, run, time
+from socp import (
+    Problem,
+    Scene,
+    Solution,
+    controls,
+    default_guess,
+    errors,
+    final_time,
+    run,
+    silent,
+    solve,
+    states,
+    time,
+)
 from socp.cli import main
 from socp.errors import MethodError
 from socp.model.data.files import save
@@ -27,6 +40,8 @@ from socp.registry.plugins import Registry
 from socp.view.figures import draw as figures
 from socp.view.figures import style
 from socp.view.figures.arrangement import TimeAxis
+from socp.view.figures.curves import scene_of_group
+from socp.view.figures.overlay import overlaid
 from socp.view.picture import picture_of
 from socp.view.traces import sampled
 
@@ -358,6 +373,30 @@ def test_solutions_beside_one_another_share_their_panels(solved: Solved) -> None
     (title,) = (text.get_text() for text in figure.texts)
     assert title.startswith("goddard_vlimit by lgr-multiphase: objective ")
     assert title.endswith(", extremal") or "minimum" in title
+
+
+def test_what_has_other_states_has_no_path_in_the_plane() -> None:
+    """A runner from 0 to 1 at |u| <= 1 has no v: its control is drawn beside the cart's."""
+    a, u = states("a"), controls("u")
+    runner = Problem(
+        name="runner",
+        minimise=final_time,
+        dynamics={a: u},
+        bounds={u: (-1, 1)},
+        start={a: 0},
+        end={a: 1},
+    )
+    flat = cart()
+    flat = replace(flat, scene=Scene(plane=(x, v)))
+    solution, other = (
+        solve(each, method="lgr-multiphase", word=word, watch=silent)
+        for each, word in ((flat, "+ -"), (runner, "+"))
+    )
+    drawn, _ = scene_of_group(solution, flat, overlaid(flat, solution, [other]))
+    assert [path.shape for path in drawn.others] == [(2, 0)]
+    assert len(solution.plot(beside=[other]).axes) > 1
+    with pytest.raises(MethodError, match="'lgr-multiphase' shares no state or control"):
+        solution.plot(beside=[replace(other, state_names=("u",), control_names=("x",))])
 
 
 def test_what_shares_nothing_is_not_drawn_beside(solved: Solved) -> None:

@@ -150,10 +150,17 @@ def scene_of_group(
     solution: "Solution", problem: "Problem", group: Group
 ) -> tuple[Picture, tuple[str, str]]:
     """Return the scene with the paths of the solutions beside, and the labels of its axes in
-    mathtext.
+    mathtext. What has other states or parameters than the problem has no path (2, 0) in it.
     """
     seen = picture_of(problem, solution, group.along.t)
-    paths = (picture_of(problem, each.solution, each.along.t).path for each in group.others)
+    paths = (
+        picture_of(problem, each.solution, each.along.t).path
+        if each.solution.state_names == problem.state_names
+        and each.solution.control_names == problem.control_names
+        and set(problem.parameter_names) <= set(each.solution.parameters)
+        else np.empty((2, 0))
+        for each in group.others
+    )
     plane = [str(each) for each in scene_of(problem).plane]
     pairs = zip(plane, seen.labels, strict=True)
     labels = [

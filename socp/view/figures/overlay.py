@@ -65,10 +65,13 @@ def overlaid(
         named = [(style.plain(name), each) for name, each in beside.items()]
     else:
         named = [(style.plain(each.method), each) for each in beside]
-    own = {*solution.state_names, *solution.control_names}
     found = []
     for k, (name, each) in enumerate(named):
-        if not own & {*each.state_names, *each.control_names}:
+        pairs = (
+            (each.state_names, solution.state_names),
+            (each.control_names, solution.control_names),
+        )
+        if not any(set(theirs) & set(own) for theirs, own in pairs):
             raise MethodError(f"'{name}' shares no state or control with '{solution.problem}'")
         alike = each.state_names == solution.state_names
         along = sampled(problem if alike else known_problem(each), each, _POINTS)
