@@ -801,9 +801,13 @@ def test_help_states_the_exit_codes(socp: Command) -> None:
         ("socp sol", ["plain,solve"]),
         ("socp solve robot", ["plain,robot_arm", "file,robot"]),
         ("socp solve auv -m euler", ["plain,euler-ipopt"]),
+        ("socp solve auv -o st", ["plain,steps=", "plain,starts="]),
+        ("socp solve auv -m lgr-multiphase -o w", ["plain,word="]),
+        ("socp plot au", ["file,au"]),
+        ("socp sensitivity au", ["file,au"]),
     ],
 )
-def test_a_shell_completes_commands_problems_and_methods(
+def test_a_shell_completes_commands_problems_methods_options_and_files(
     words: str,
     answer: list[str],
     capsys: pytest.CaptureFixture[str],

@@ -2,6 +2,7 @@
 
 import click
 
+from socp.cli.commands.completing import files
 from socp.cli.commands.proving import certificate_in, check_certificate
 from socp.cli.opening import open_result, problem_missing
 from socp.cli.outcome import require_option, required_rung
@@ -12,7 +13,7 @@ from socp.view import Outcome, detailed_rows, outcome_of
 
 
 @click.command()
-@click.argument("result", metavar="RESULT")
+@click.argument("result", metavar="RESULT", shell_complete=files)
 @click.option(
     "--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: that of the result]"
 )

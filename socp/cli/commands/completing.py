@@ -1,4 +1,4 @@
-"""Completion by the shell: its script, and the names of problems and methods."""
+"""Completion by the shell: its script, names of problems, methods and their options, files."""
 
 import io
 from contextlib import redirect_stdout
@@ -7,6 +7,7 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem, shell_complete
 
+from socp.cli.options import DEFAULT_METHOD
 from socp.cli.streams import say
 
 
@@ -32,3 +33,19 @@ def methods(_context: click.Context, _parameter: Any, begun: str) -> list[Comple
     from socp.registry import Registry
 
     return [CompletionItem(name) for name in Registry.load().methods if name.startswith(begun)]
+
+
+def files(_context: click.Context, _parameter: Any, begun: str) -> list[CompletionItem]:
+    """Return that files are meant: the shell knows them."""
+    return [CompletionItem(begun, type="file")]
+
+
+def keys(context: click.Context, _parameter: Any, begun: str) -> list[CompletionItem]:
+    """Return the options, `steps=`, of the method that is named before, that begin so."""
+    from socp.methods import options
+    from socp.registry import Registry
+
+    known = Registry.load().methods
+    method = known.get(context.params.get("method") or DEFAULT_METHOD)
+    names = [each.name for each in options(method)] if method else []
+    return [CompletionItem(f"{name}=") for name in names if name.startswith(begun)]

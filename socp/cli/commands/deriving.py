@@ -7,6 +7,7 @@ import click
 from rich.table import Table
 from rich.text import Text
 
+from socp.cli.commands.completing import files
 from socp.cli.opening import open_result, problem_missing
 from socp.cli.session import Exit, Session, heading, show, write_json
 from socp.errors import ProblemError
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("result", metavar="RESULT")
+@click.argument("result", metavar="RESULT", shell_complete=files)
 @click.option(
     "--to",
     "names",

@@ -9,6 +9,7 @@ from typing import Literal, final
 
 import click
 
+from socp.cli.commands.completing import files
 from socp.cli.opening import open_result, problem_missing
 from socp.cli.session import Exit, Session, writable
 from socp.errors import MethodError
@@ -76,7 +77,7 @@ _COUNT = click.IntRange(max=100)  # files of more arcs or points no solver reads
 
 
 @click.command()
-@click.argument("source", metavar="SOURCE")
+@click.argument("source", metavar="SOURCE", shell_complete=files)
 @click.option(
     "--format", metavar="|".join(FORMATS), help="Format.  [default: by the ending of the file]"
 )

@@ -7,6 +7,7 @@ from typing import Any, final
 
 import click
 
+from socp.cli.commands.completing import files
 from socp.cli.commands.exporting import stem
 from socp.cli.opening import open_result, opened_beside, problem_missing
 from socp.cli.session import Exit, Session, writable
@@ -28,7 +29,7 @@ class Asked:
 
 
 @click.command()
-@click.argument("results", metavar="RESULT...", nargs=-1, required=True)
+@click.argument("results", metavar="RESULT...", nargs=-1, required=True, shell_complete=files)
 @click.option(
     "-o", "--out", metavar="FILE", help="File, .png, .svg or .pdf.  [default: RESULT.svg]"
 )

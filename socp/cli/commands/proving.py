@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import click
 
+from socp.cli.commands.completing import files, problems
 from socp.cli.opening import open_result, problem_missing
 from socp.cli.options import DEFAULT_METHOD
 from socp.cli.posing import load_posed, named_after, set_option
@@ -55,7 +56,7 @@ class Asked:
 
 
 @click.command()
-@click.argument("result", metavar="RESULT")
+@click.argument("result", metavar="RESULT", shell_complete=files)
 @click.option(
     "--bits",
     type=click.IntRange(_LEAST, _MOST),
@@ -93,7 +94,7 @@ def prove(session: Session, /, result: str, bits: int, problem: str | None, as_j
 
 
 @click.command()
-@click.argument("problem", metavar="PROBLEM_OR_RESULT")
+@click.argument("problem", metavar="PROBLEM_OR_RESULT", shell_complete=problems)
 @set_option
 @click.option(
     "--result", metavar="RESULT", help="A saved result to compare with.  [default: auto solves it]"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from socp.cli.commands.completing import files
 from socp.cli.locking import locked
 from socp.cli.opening import open_result, problem_missing
 from socp.cli.session import Exit, Session, writable
@@ -89,7 +90,7 @@ def recording_watch(watch: "Watch", recorder: "Guarded") -> "Watch":
 
 
 @click.command()
-@click.argument("result", metavar="RESULT")
+@click.argument("result", metavar="RESULT", shell_complete=files)
 @click.option(
     "-o", "--out", metavar="FILE", help="Recording.  [default: RESULT with the ending .rrd]"
 )
@@ -107,7 +108,7 @@ def record(session: Session, /, result: str, out: str | None, problem: str | Non
 
 
 @click.command()
-@click.argument("source", metavar="FILE")
+@click.argument("source", metavar="FILE", shell_complete=files)
 @click.option("--problem", metavar="FILE_OR_NAME", help="Problem of a result.  [default: its own]")
 @click.pass_obj
 def view(session: Session, /, source: str, problem: str | None) -> int:

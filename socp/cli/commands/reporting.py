@@ -4,13 +4,14 @@ from pathlib import Path
 
 import click
 
+from socp.cli.commands.completing import files
 from socp.cli.commands.exporting import stem
 from socp.cli.opening import open_result, opened_beside, problem_missing
 from socp.cli.session import Exit, Session, writable
 
 
 @click.command()
-@click.argument("results", metavar="RESULT...", nargs=-1, required=True)
+@click.argument("results", metavar="RESULT...", nargs=-1, required=True, shell_complete=files)
 @click.option("-o", "--out", metavar="FILE", help="File, .html.  [default: RESULT.html]")
 @click.option(
     "--problem", metavar="FILE_OR_NAME", help="Its problem.  [default: that of the result]"

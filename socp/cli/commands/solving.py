@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, final
 import click
 
 from socp.cli.commands.advising import advice
-from socp.cli.commands.completing import methods, problems
+from socp.cli.commands.completing import keys, methods, problems
 from socp.cli.commands.recording import live_option, record_option, recording, recording_watch
 from socp.cli.keeping import Place, keep
 from socp.cli.options import DEFAULT_METHOD, pairs
@@ -88,6 +88,7 @@ class Asked:
     "options",
     multiple=True,
     metavar="KEY=VALUE",
+    shell_complete=keys,
     help="See 'socp describe METHOD'.",
 )
 @click.option(
