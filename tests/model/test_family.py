@@ -8,7 +8,16 @@ from ponds import POND, x
 
 from socp.errors import ProblemError
 from socp.laws import arc_law
-from socp.model import Family, Mode, Problem, constants, numbers, rate_function, running_function
+from socp.model import (
+    Family,
+    Mode,
+    Place,
+    Problem,
+    constants,
+    numbers,
+    rate_function,
+    running_function,
+)
 from socp.registry import solve
 
 S = (Mode("singular"),)
@@ -65,6 +74,26 @@ def test_solutions_go_in_and_come_out() -> None:
     made = solve(POND, method="lgr-multiphase", word="- s +")
     inside = family.inside(made, {"level": 0.25})
     assert (inside.parameters, family.outside(inside).parameters) == ({"level": 0.25}, {})
+
+
+def test_a_verdict_says_nothing_of_a_parameter_that_is_a_constant() -> None:
+    family = Family(POND, ("level",))
+    inside = solve(family.at({"level": 0.25}), method="lgr-multiphase", word="- s +")
+    before, after = inside.verdict, family.outside(inside).verdict
+    assert before is not None
+    assert after is not None
+    assert [each.place for each in set(before.findings) - set(after.findings)] == [
+        Place(of="level")
+    ]
+    assert after.extremal
+
+
+def test_a_constant_in_an_exponent_is_changed_in_the_problem_itself() -> None:
+    power = constants(power=2.0)
+    family = Family(replace(POND, running=(x - 0.25) ** 2 + x**power, formula=None), ("power",))
+    found = family.at({"power": 2.5}, family.at({"power": 2.0}))
+    assert (found.parameter_names, found.constants["power"].value) == ((), 2.5)
+    assert found.fingerprint == family.problem.with_(power=2.5).fingerprint
 
 
 def test_what_cannot_be_is_named() -> None:

@@ -11,7 +11,9 @@ import casadi
 
 from socp.model.data.constants import planted
 from socp.model.evaluation import hand_on
+from socp.model.graph import fold
 from socp.model.problem import Problem
+from socp.model.result.findings import Condition, Finding
 from socp.model.result.solution import Solution
 from socp.model.symbols import Expr, column, declared
 
@@ -32,11 +34,30 @@ class Family:
 
     @cached_property
     def open(self) -> dict[str, Expr]:
-        """The constants among the numbers, as parameters by name."""
+        """The constants among the numbers, as parameters by name; none where one is an exponent:
+        the slope of a power in it is none where the base is zero.
+        """
+        found = self._constants
+        if self._exponents & set(found.values()):
+            return {}
+        return {name: _parameter(symbol) for name, symbol in found.items()}
+
+    @cached_property
+    def _constants(self) -> dict[str, Expr]:
+        """The constants among the numbers, by name."""
         formula = self.problem.formula
         own = () if formula is None else formula.values
         found = {symbol.name(): symbol for symbol in own}
-        return {name: _parameter(found[name]) for name in self.names if name in found}
+        return {name: found[name] for name in self.names if name in found}
+
+    @property
+    def _exponents(self) -> set[Expr]:
+        """The symbols in exponents of what was written with constants."""
+        formula = self.problem.formula
+        leaves = {} if formula is None else formula.leaves
+        return set().union(
+            *(_in_exponents(e) for path, e in leaves.items() if path[0] in _FORMULAE)
+        )
 
     @cached_property
     def base(self) -> Problem:
@@ -71,6 +92,8 @@ class Family:
         """Return the problem of other values, with what was worked out for one of the family that
         is `near`, where their bounds are the same. Errors as of `Problem.with_`.
         """
+        if len(self.open) < len(self._constants):
+            return self.problem.with_(dict(values))
         held = {s: (values[n],) * 2 for n, s in self.open.items() if s in self.base.bounds}
         others = {name: value for name, value in values.items() if name not in self.open}
         if self._placed:
@@ -95,10 +118,31 @@ class Family:
 
     def outside(self, solution: Solution) -> Solution:
         """Return a solution in the family as one of the problem of its values, of which it carries
-        no statement.
+        no statement, and whose verdict says nothing of parameters that this has not.
         """
         left = {name: v for name, v in solution.parameters.items() if name not in self.open}
-        return replace(solution, parameters=left).with_origin(statement=None, unstated="")
+        found = replace(solution, parameters=left).with_origin(statement=None, unstated="")
+        if found.verdict is None:
+            return found
+        its = (f for f in found.verdict.findings if not self._is_of_held(f))
+        return found.with_judgement(verdict=replace(found.verdict, findings=tuple(its)))
+
+    def _is_of_held(self, finding: Finding) -> bool:
+        return finding.kind is Condition.PARAMETER_RANGE and finding.place.of in self.open
+
+
+def _in_exponents(expression: Expr) -> set[Expr]:
+    """Return the symbols in exponents of an expression."""
+    symbols, found = casadi.symvar(expression), set[int]()
+
+    def places(operation: int, *given: frozenset[int]) -> frozenset[int]:
+        if operation == casadi.OP_POW:
+            found.update(given[1])
+        return frozenset().union(*given)
+
+    of_symbol, of_number = (lambda place: frozenset({place})), (lambda _number: frozenset())
+    fold(casadi.vec(expression), casadi.vertcat(*symbols), of_symbol, of_number, places)
+    return {symbols[place] for place in found}
 
 
 @cache
