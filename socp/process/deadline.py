@@ -44,4 +44,4 @@ def in_time(what: str, needed: float = 0.0) -> None:
     for it.
     """
     if seconds_left() <= needed:
-        raise LateError(f"{what}: the time allowed is over")
+        raise LateError(f"{what}: the time for it is over")

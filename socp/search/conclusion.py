@@ -192,9 +192,11 @@ def explanation(problem: Problem, search: Search) -> str:
     if cut:
         tried += f", {len({each.word for each in cut})} more cut off before they converged"
     if search.late:
-        tried += ", and the time allowed is over"
-    elif search.spent:
+        tried += f", and the search's part of the {search.seconds:g} s allowed is over"
+    elif search.backend.left <= 0:
         tried += ", and the work allowed for the search is done"
+    elif search.count >= search.words:
+        tried += ", and no more words are allowed"
     if len(search.grids) > 1:
         tried += f", on grids of up to {max(search.grids)} steps"
     best = search.best

@@ -32,7 +32,7 @@ _STEPS = (
     16,
     32,
     64,
-)  # steps an interval; a motion that wants more is stiff, and none of this method's
+)  # steps an interval; a motion that wants more is none of this method's
 # Times the step: next to a triple root, where a switching function is flat, Newton goes a third
 _THRICE = 3.0
 # Of the largest multiplier: one of an inequality that is less than this below zero is rounding
@@ -70,7 +70,7 @@ class WordProblem:
 
     @cached_property
     def steps(self) -> int | None:
-        """Steps that an interval takes, None where the motion is stiff."""
+        """Steps that an interval takes, None where no number of them settles."""
         return _steps_of(self.phased, self.solution)
 
     def conditions(
@@ -215,7 +215,7 @@ def _laid(problem: Problem, solution: Solution, points: int) -> WordProblem | No
 
 def _steps_of(phased: PhasedProblem, start: Solution) -> int | None:
     """Return how many steps an interval takes: as many as leave the ends of all intervals alone
-    when doubled.
+    when doubled; None where none do, as where the motion is stiff, unstable or not smooth.
     """
     before: list[np.ndarray] = []
     nx = phased.of.x.numel()

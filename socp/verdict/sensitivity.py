@@ -155,7 +155,9 @@ def _system(problem: Problem, solution: Solution) -> _System:
         raise SolveError("no derivatives: the solution is not certified as an extremal")
     known = word_problem(problem, solution, _POINTS)
     if known is None or known.steps is None:
-        raise SolveError("no derivatives: controls without laws, or a stiff motion")
+        raise SolveError(
+            "no derivatives: controls without laws, or explicit steps do not settle on the motion"
+        )
     conditions = known.conditions(known.steps)
     there = settled(conditions)
     if there is None:

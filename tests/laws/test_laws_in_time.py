@@ -26,7 +26,7 @@ def test_in_time_names_what_was_asked_for() -> None:
     in_time("a law")  # no time is set
     with time_limit(100.0):
         in_time("a law", 1.0)
-        with pytest.raises(LateError, match=r"a law: the time allowed is over"):
+        with pytest.raises(LateError, match=r"a law: the time for it is over"):
             in_time("a law", 1000.0)
     with time_limit(0.0), pytest.raises(LateError):
         in_time("a law")

@@ -13,6 +13,7 @@ from socp.model.result.findings import Condition, Feasibility, Finding, Place, V
 from socp.model.result.solution import Stop
 from socp.model.symbols import final_time
 from socp.model.word import Mode
+from socp.process import time_limit
 from socp.search.candidate import Candidate, insert, merged
 from socp.search.conclusion import explanation
 from socp.search.effort import Ration, Search
@@ -341,4 +342,15 @@ def test_a_search_that_fails_names_the_worst_that_is_left() -> None:
 
 def test_what_was_late_says_so() -> None:
     text = explanation(problem, Search(late=True, seconds=60.0))
-    assert text == "no word of the 0 tried is certified, and the time allowed is over"
+    late = "and the search's part of the 60 s allowed is over"
+    assert text == f"no word of the 0 tried is certified, {late}"
+
+
+def test_what_ended_a_search_is_told_as_it_is() -> None:
+    worked = Search(backend=Ration(left=0.0))
+    with time_limit(0.0):  # what concludes has no time left; the search had
+        assert explanation(problem, Search()) == "no word of the 0 tried is certified"
+        assert explanation(problem, worked).endswith(
+            ", and the work allowed for the search is done"
+        )
+        assert explanation(problem, Search(words=0)).endswith(", and no more words are allowed")

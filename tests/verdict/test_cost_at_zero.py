@@ -30,5 +30,5 @@ def test_a_motion_is_integrated_no_further_than_time_allows() -> None:
     guess = default_guess(REACHED)
     with time_limit(0.0):
         (seen,) = verify(REACHED, guess)
-    assert "the time allowed is over" in seen.error
+    assert "the time for it is over" in seen.error
     assert seen.off == float("inf")

@@ -53,8 +53,15 @@ def _why(solution: "Solution") -> str:
         return f"{', '.join(verdict.chattering)}: chattering, which no finite word ends"
     if not solution.stop.ok:
         return f"{solution.stop.value}; {(*verdict.reasons, *verdict.notes)[0]}"
-    spent = f"the {solution.options['seconds']:g} s allowed are over; " if _spent(solution) else ""
-    return spent + (*verdict.reasons, *verdict.notes)[0]
+    return _told(solution) + (*verdict.reasons, *verdict.notes)[0]
+
+
+def _told(solution: "Solution") -> str:
+    """Say what a search took, where its time has ended it."""
+    if not _spent(solution):
+        return ""
+    took, allowed = sum(solution.seconds.values()), solution.options["seconds"]
+    return f"{took:.3g} s of the {allowed:g} s allowed are used; "
 
 
 def _spent(solution: "Solution") -> bool:

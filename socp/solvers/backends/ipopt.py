@@ -103,7 +103,7 @@ class Ipopt:
         if equations > unknowns:
             return overdetermined.met(nlp, guess, int(self._settings()["max_iter"]))
         if seconds_left() <= 0.0:
-            return replace(guess, stop=Stop.LIMIT, message="the time allowed is over")
+            return replace(guess, stop=Stop.LIMIT, message="the time for it is over")
         observer = Observer(self.name, nlp, watch)
         try:
             with requesting(
