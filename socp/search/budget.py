@@ -108,9 +108,9 @@ def escalate(
         with time_limit(_DESCENDING * seconds_left()):
             found = descended(problem, guess)
         apart += [] if found is None else [found]
-    if not _done(problem, search):
-        apart += _held(problem, [*directs, *apart], backend, staged(watch, "held controls"))
     try:
+        if not _done(problem, search):
+            apart += _held(problem, [*directs, *apart], backend, staged(watch, "held controls"))
         _rounds(problem, search, directs, (steps, backend), watch)
     finally:  # to conclude with; its many short arcs show words no better than a grid's
         directs += apart
@@ -201,7 +201,7 @@ def _claiming(best: Solution, solved: Sequence[Solution]) -> list[Solution]:
     fine = [each for each in solved if 2 * each.t.size >= finest]
     least = min(fine, key=lambda each: each.objective)
     less = best.reached - least.objective > FAR * abs(least.objective)
-    return [least] if less else []
+    return [least] if less and least.objective < best.objective else []  # else it is the best one
 
 
 def _done(problem: Problem, search: Search) -> bool:

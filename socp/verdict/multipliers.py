@@ -101,7 +101,13 @@ def _worst(case: Case, z: np.ndarray) -> float:
 
 
 def _least_squares(case: Case) -> np.ndarray:
+    """Return the multipliers of least squares; ArithmeticError names what is not finite."""
     rows = [r for r in case.rows if r.equation and r.decisive]
+    for each in rows:
+        lost = np.flatnonzero(~np.isfinite(np.column_stack([each.matrix, each.offset])).all(axis=1))
+        if lost.size:
+            t = float(each.t[lost[0]])
+            raise ArithmeticError(f"{each.kind.value}: its terms are not finite at t = {t:.6g}")
     matrix, offset = np.vstack([r.matrix for r in rows]), np.concatenate([r.offset for r in rows])
     size = np.linalg.norm(matrix, axis=0)
     size[size == 0] = 1.0

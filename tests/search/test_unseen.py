@@ -167,6 +167,17 @@ def test_nothing_more_is_tried_without_time_and_it_is_said() -> None:
     assert len(hand) == 1
 
 
+def test_one_start_is_held_once_whatever_it_claims(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A coarse grid misses its end, so that its motion stays what it claims to be."""
+    coarse = solve_directly(PENDULUM, uniform(euler(), 10), Ipopt(), default_guess(PENDULUM))
+    wrong, starts = replace(coarse, objective=coarse.objective / 2), list[Solution]()
+    held = "socp.search.budget.held_solution"
+    monkeypatch.setattr(held, lambda _, each, *__: starts.append(each))
+    monkeypatch.setattr("socp.search.budget._rounds", lambda *_: None)
+    escalate(PENDULUM, Search(), [wrong], (None, 10, Ipopt()))
+    assert [each.objective for each in starts] == [wrong.objective]
+
+
 @pytest.mark.slow
 def test_what_scouting_met_is_gone_on_from_where_its_round_has_no_time_left(
     monkeypatch: pytest.MonkeyPatch,

@@ -326,6 +326,17 @@ def test_smooth_dynamics_are_judged_at_the_nodes_themselves() -> None:
     )
 
 
+def test_a_condition_whose_terms_are_not_finite_is_named_with_its_time() -> None:
+    problem = posed(dynamics={x: u}, bounds={u: (-1, 1)}, start={x: 0}, end={x: 0}, final_time=2)
+    laid = case(problem, along(problem, "- +"))
+    first = next(each for each in laid.rows if each.equation and each.decisive and each.t.size)
+    broken = np.where(first.t[:, None] == first.t[-1], np.nan, first.matrix)
+    lost = replace(laid, rows=(replace(first, matrix=broken), *laid.rows))
+    text = rf"{first.kind.value}: its terms are not finite at t = {first.t[-1]:.6g}"
+    with pytest.raises(ArithmeticError, match=text):
+        multipliers(lost)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_no_sign_is_left_out_of_a_verdict(seed: int) -> None:
     """Signs at many nodes: what no multipliers can do better is what the multipliers found do, to

@@ -140,9 +140,8 @@ def induced(problem: Problem, solution: Solution, points: int = 10) -> Pair | Se
     if known is None:
         return _untested("controls without laws, or an arc without length: no word to vary")
     if known.steps is None:
-        return _untested(
-            "no number of explicit steps settles on the motion: it is stiff, unstable, or not smooth"
-        )
+        why = "it is stiff, unstable, or not smooth"
+        return _untested(f"no number of explicit steps settles on the motion: {why}")
     coarse, fine = (known.conditions(count) for count in (known.steps, 2 * known.steps))
     there = settled(coarse)
     if there is None:
