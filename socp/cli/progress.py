@@ -99,7 +99,8 @@ class Display:
         if self.now is None:
             return
         yield "iteration", f"{self.now.iteration}"
-        yield "objective", f"{self.now.objective:.9g}"
+        if not math.isnan(self.now.objective):
+            yield "objective", f"{self.now.objective:.9g}"
         if not math.isnan(self.now.infeasibility):
             yield "infeasibility", f"{self.now.infeasibility:.1e}"
         if not math.isnan(self.best):

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
+from math import isnan
 from typing import Any
 
 import numpy as np
@@ -36,8 +37,9 @@ from socp.model import Progress, Rung, time
 from socp.proof import LowerBound, checked, flint, lower_bound
 from socp.proof.bound.bounding import spread_of
 from socp.proof.bound.closing import Clock
+from socp.proof.bound.domain import setting
 from socp.proof.bound.lifting import Lift
-from socp.proof.bound.searching import Job, bounds
+from socp.proof.bound.searching import Job, _told, bounds
 from socp.proof.bound.sets import Region
 from socp.proof.bound.squares import Blocks, Demand, expense
 from socp.transcription import follow, lgr
@@ -323,6 +325,8 @@ def test_the_bound_in_hand_is_returned_when_the_time_is_over_or_ctrl_c_comes() -
     told = []
 
     def see(now: Progress, /) -> bool:
+        if isnan(now.objective):
+            return False
         told.append(now.objective)
         raise KeyboardInterrupt
 
@@ -337,6 +341,18 @@ def test_the_bound_in_hand_is_returned_when_the_time_is_over_or_ctrl_c_comes() -
     late = lower_bound(REST, solved(REST, "- s"), 1e-3)
     assert late.bound is None
     assert late.reason == "there was no time for it"
+
+
+def test_a_watch_ends_a_search_that_has_no_bound_yet() -> None:
+    with pytest.raises(KeyboardInterrupt):
+        lower_bound(REST, None, 600.0, watch=lambda now: isnan(now.objective))
+
+
+def test_sides_of_a_region_are_told_one_by_one() -> None:
+    half = REST.with_(bounds={x: (-5, None)})
+    given = setting(half)
+    region = Region(given.lift, [(Fraction(-5), None), *[(None, None)] * 3], [])
+    assert list(_told(given, region)) == ["x >= -5"]
 
 
 def test_no_programme_is_begun_that_there_is_no_time_for() -> None:

@@ -140,8 +140,8 @@ def _in_exponents(expression: Expr) -> set[Expr]:
             found.update(given[1])
         return frozenset().union(*given)
 
-    of_symbol, of_number = (lambda place: frozenset({place})), (lambda _number: frozenset())
-    fold(casadi.vec(expression), casadi.vertcat(*symbols), of_symbol, of_number, places)
+    given = casadi.vertcat(*symbols), lambda place: frozenset({place}), lambda _: frozenset[int]()
+    fold(casadi.vec(expression), *given, places)
     return {symbols[place] for place in found}
 
 

@@ -57,10 +57,7 @@ def lower_bound(
         for each in _told(pickle.dumps(job), until + _GRACE * seconds):
             if isinstance(each, LowerBound):
                 found = each
-            told = Progress(f"degree {found.degree}", int(each is None), found.bound or 0.0, nan)
-            if found.bound is not None and watch(told):
-                found = replace(found, interrupted=True)
-                break
+            _shown(found, int(each is None), watch)
     except (SolveError, ProblemError) as error:
         found = found if found.bound is not None else replace(found, reason=str(error))
     except KeyboardInterrupt:
@@ -68,6 +65,14 @@ def lower_bound(
             raise
         found = replace(found, interrupted=True)
     return replace(found, seconds=time.perf_counter() - began)
+
+
+def _shown(found: LowerBound, count: int, watch: Watch) -> None:
+    """Show a watch what is in hand; KeyboardInterrupt where it asks to stop."""
+    known = nan if found.bound is None else found.bound
+    stage = "no bound yet" if found.bound is None else f"degree {found.degree}"
+    if watch(Progress(stage, count, known, nan)):
+        raise KeyboardInterrupt
 
 
 def spread_of(solution: Solution | None) -> Spread:

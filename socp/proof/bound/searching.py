@@ -170,3 +170,7 @@ def _told(given: Setting, region: Region) -> Iterator[str]:
     for name, (low, high) in zip(given.names, region.box, strict=False):
         if low is not None and high is not None:
             yield f"{name} in [{float(low):.4g}, {float(high):.4g}]"
+        elif low is not None:
+            yield f"{name} >= {float(low):.4g}"
+        elif high is not None:
+            yield f"{name} <= {float(high):.4g}"
