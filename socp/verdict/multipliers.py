@@ -185,6 +185,8 @@ def _linear_programme(
     `matrix` (m, n) is what casadi keeps, sparse where it is.
     """
     given, n = casadi.DM(matrix), cost.size
+    if not given.is_regular():  # HiGHS would report success
+        return None
     shapes = {"a": given.sparsity(), "h": casadi.Sparsity(n, n)}
     try:
         solver = casadi.conic("linear", "highs", shapes, _SETTINGS)

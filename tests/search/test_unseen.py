@@ -90,7 +90,7 @@ def test_a_solve_ends_in_the_time_around_it() -> None:
         assert scouts(GROWTH, default_guess(GROWTH), 12) == []
         found = auto(GROWTH)
     assert found.stop is Stop.LIMIT
-    assert "time allowed" in found.message
+    assert "the time for it is over" in found.message
 
 
 # -- guesses

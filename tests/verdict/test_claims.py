@@ -337,6 +337,18 @@ def test_a_condition_whose_terms_are_not_finite_is_named_with_its_time() -> None
         multipliers(lost)
 
 
+def test_signs_that_are_not_finite_prove_no_distance() -> None:
+    problem = posed(dynamics={x: u}, bounds={u: (-1, 1)}, start={x: 0}, end={x: 0}, final_time=2)
+    laid = case(problem, along(problem, "+ -"))
+    lost = [
+        each if each.equation else replace(each, matrix=np.full_like(each.matrix, np.nan))
+        for each in laid.rows
+    ]
+    z, distance = multipliers(replace(laid, rows=tuple(lost)))
+    assert np.isfinite(z).all()
+    assert distance is None
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_no_sign_is_left_out_of_a_verdict(seed: int) -> None:
     """Signs at many nodes: what no multipliers can do better is what the multipliers found do, to
