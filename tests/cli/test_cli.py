@@ -515,6 +515,24 @@ def test_formulas_are_python_and_mean_the_expression() -> None:
 # -- compare
 
 
+def test_compare_keeps_results_and_has_rows_for_kept_ones(socp: Command) -> None:
+    first = ("compare", "cart.py", "-m", "euler-ipopt", "-o", "steps=30", "--keep", "kept")
+    assert socp(*first).code == 0
+    kept = "kept/cart.euler-ipopt.socp.json"
+    found = load(kept)
+    second = ("compare", "cart.py", "-m", "trapezoidal", "-o", "steps=40", "--with", kept)
+    said = socp(*second, "--json")
+    assert said.code == 0
+    new, old = json.loads(said.out)["rows"]
+    assert (new["row"], old["row"]) == ("trapezoidal", "cart.euler-ipopt")
+    assert (old["method"], old["objective"]) == ("euler-ipopt", found.told)
+    assert old["to_best"] == old["objective"] - json.loads(said.out)["best"]
+    refused = socp("compare", "auv", "-m", "euler-ipopt", "--with", kept)
+    assert refused.code == 1
+    assert "its states are" in refused.err
+    assert "compare" not in refused.out
+
+
 def test_compare_prints_one_table(socp: Command) -> None:
     options = ["-o", "steps=30", "-o", "trapezoidal.steps=40", "-o", "ipopt.tol=1e-8"]
     said = socp("compare", "cart.py", "-m", "euler-ipopt", "-m", "trapezoidal", *options, "--json")

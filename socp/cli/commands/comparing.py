@@ -1,7 +1,9 @@
 """`socp compare`: one problem, several methods, one table."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import click
@@ -11,11 +13,13 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from socp.cli.commands.completing import methods, problems
+from socp.cli.commands.completing import files, methods, problems
 from socp.cli.commands.recording import record_option, recording, recording_watch
+from socp.cli.keeping import ENDING, keep
 from socp.cli.machine import lacking
+from socp.cli.opening import opened_beside
 from socp.cli.options import options_by_method
-from socp.cli.posing import load_posed, set_option, told, told_line
+from socp.cli.posing import load_posed, named_after, set_option, told, told_line
 from socp.cli.progress import progress
 from socp.cli.running import made, run_method
 from socp.cli.session import Exit, Session, messages, results, show, write_json
@@ -35,7 +39,9 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True)
 class Row:
-    """A method with its solution, or with the reason why there is none."""
+    """A method with its solution, or with the reason why there is none; a saved result by its
+    file's name.
+    """
 
     method: str
     solution: "Solution | None" = None
@@ -77,6 +83,15 @@ class Row:
     help="Option of one method, or of each that has it.",
 )
 @set_option
+@click.option(
+    "--with",
+    "beside",
+    multiple=True,
+    metavar="RESULT",
+    help="A saved result of the problem, for a row of its own; give several.",
+    shell_complete=files,
+)
+@click.option("--keep", metavar="DIR", help="Write the result of every method there.")
 @record_option
 @click.option("--json", "as_json", is_flag=True, help="Write the table as JSON.")
 @click.option("--quiet", is_flag=True, help="Write no progress and no messages.")
@@ -84,8 +99,8 @@ class Row:
 def compare(
     session: Session, /, problem: str, names: tuple[str, ...], given: tuple[str, ...], **how: Any
 ) -> int:
-    """Solve a problem with several methods, each from the default guess, and print one table; no
-    result is written.
+    """Solve a problem with several methods, each from the default guess, and print one table;
+    results are written where --keep says.
 
     Objectives are what controls reach by re-integration where a method claims another. Errors are
     to the best one: the lowest of those that re-integration finds feasible to 1e-6 (relative), or
@@ -99,13 +114,17 @@ def compare(
     options = options_by_method(chosen, given)
     built = [made(registry, method.name, options[method.name]) for method in chosen]
     posed = load_posed(problem, how["changes"], registry)
+    saved = _saved(session, posed, how["beside"], [method.name for method in built])
     with (
         signals_held(),
         recording(session, registry, posed, how["record"], runs=len(built)) as recorder,
     ):
-        rows = _rows(registry, posed, built, recorder, quiet=quiet)
+        solved = _rows(registry, posed, built, recorder, quiet=quiet)
+    rows = [*solved, *saved]
     best = best_of(rows)
     with signals_held():
+        if how["keep"]:
+            _keep(session, posed, solved, Path(how["keep"]), how["changes"])
         if how["as_json"]:
             write_json(
                 {
@@ -120,8 +139,8 @@ def compare(
     for row in rows:
         if row.error:
             session.warn(f"{row.method}: {row.error}")
-    if len(rows) < len(built) or heard():
-        session.note(f"interrupted: the table is of {len(rows)} of {len(built)} methods")
+    if len(solved) < len(built) or heard():
+        session.note(f"interrupted: the table is of {len(solved)} of {len(built)} methods")
         return Exit.INTERRUPTED
     if any(row.bug for row in rows):
         return Exit.INTERNAL
@@ -137,6 +156,40 @@ def best_of(rows: list[Row]) -> float:
     if feasible:
         return min(feasible)
     return min(found, key=worst).told if found else math.nan
+
+
+def _saved(
+    session: Session, problem: "Problem", paths: tuple[str, ...], taken: list[str]
+) -> list[Row]:
+    """Return a row for every saved result, named after its file; SolveError where one has other
+    states or controls.
+    """
+    if not paths:
+        return []
+    from socp.model import check_names
+
+    stems = {path: Path(path).name.removesuffix(ENDING) for path in paths}
+    names = [*taken, *stems.values()]
+    labels = {stem if names.count(stem) == 1 else path: path for path, stem in stems.items()}
+    found = opened_beside(session, problem, labels)
+    return [
+        Row(label, check_names(labels[label], solution, problem))
+        for label, solution in found.items()
+    ]
+
+
+def _keep(
+    session: Session, problem: "Problem", rows: list[Row], folder: Path, changes: Sequence[str]
+) -> None:
+    """Write the result of every method; a better one of an earlier run stays."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for row in rows:
+        if row.solution is not None:
+            name = named_after(problem.name, f".{row.method}{ENDING}", changes)
+            place = keep(problem, row.solution, folder / name)
+            if place.said:
+                session.warn(place.said)
+            place.check()
 
 
 def _rows(
@@ -185,7 +238,7 @@ def _solved(
 
 def _record(problem: "Problem", row: Row, best: float) -> dict[str, Any]:
     if row.solution is None:
-        return {"method": row.method, "solved": False, "error": row.error}
+        return {"row": row.method, "method": row.method, "solved": False, "error": row.error}
     objective = row.solution.told
     known = {
         "objective": objective,
@@ -198,7 +251,7 @@ def _record(problem: "Problem", row: Row, best: float) -> dict[str, Any]:
         "within": stated_error(row.solution.verdict),
         "feasibility": worst(row.solution),
     }
-    return {**facts(problem, row.solution), **known, **more}
+    return {"row": row.method, **facts(problem, row.solution), **known, **more}
 
 
 def _fitting(console: Console, problem: "Problem", rows: list[Row], best: float) -> Table:
