@@ -26,6 +26,7 @@ from .phases import Phase as Phase
 from .phases import PhasedProblem as PhasedProblem
 from .phases import Row as Row
 from .phases import follow as follow
+from .phases import once_along as once_along
 from .phases import single_phase as single_phase
 from .scaling import Scale as Scale
 from .scaling import state_magnitudes as state_magnitudes

@@ -17,7 +17,6 @@ from socp.model import (
     Expr,
     Problem,
     Solution,
-    cached,
     column,
     condition_slopes,
     end_symbols,
@@ -29,7 +28,7 @@ from socp.transcription.assembly import Point
 from socp.transcription.grid import Given, Grid, Moments, Terms
 from socp.transcription.lifting import Layout, lift, push
 from socp.transcription.mesh import Mesh, Table, table, uniform
-from socp.transcription.phases import Phase, PhasedProblem
+from socp.transcription.phases import Phase, PhasedProblem, once_along
 from socp.transcription.scaling import Scale
 
 __all__ = ["Mesh", "Table", "collocate", "table", "uniform"]
@@ -201,19 +200,16 @@ def _laws(grid: Grid, k: int) -> list[tuple[Expr, float, float, float]]:
 
 def _motion(problem: Problem, phase: Phase, laws: tuple[Expr, ...]) -> Point:
     """Return a phase's rates and running cost, each times its length, and its laws as a function
-    of x, free, carried, t, p, z and the length; built once for all arcs of its modes between two
-    knots, unless it has a choice.
+    of x, free, carried, t, p, z and the length.
     """
-    known, key = cached(problem, _motion), (phase.modes, phase.when, len(laws))
-    if phase.choice is None and key in known:
-        return known[key]
-    rate, running = phase.flow(problem)
-    h = casadi.SX.sym("h")
-    w = casadi.vertcat(problem.x, phase.free, phase.carried, time, problem.p, phase.z, h)
-    point = Point(w, casadi.vertcat(h * rate, h * phase.carried_rate, h * running, *laws))
-    if phase.choice is None:
-        known[key] = point
-    return point
+
+    def made() -> Point:
+        rate, running = phase.flow(problem)
+        h = casadi.SX.sym("h")
+        w = casadi.vertcat(problem.x, phase.free, phase.carried, time, problem.p, phase.z, h)
+        return Point(w, casadi.vertcat(h * rate, h * phase.carried_rate, h * running, *laws))
+
+    return once_along(problem, phase, _motion, made, len(laws))
 
 
 def _closed(phased: PhasedProblem, first: list[int], name: str) -> np.ndarray:

@@ -3,16 +3,17 @@ solution.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import final
 
 import casadi
 import numpy as np
 
 from socp.errors import MethodError
-from socp.model import Arc, Effort, Problem, Solution, cached, numbers, of_motion, time
+from socp.model import Arc, Effort, Expr, Problem, Solution, numbers, of_motion, time
 from socp.solvers import NLPPoint
 from socp.transcription.mesh import Table
-from socp.transcription.phases import Phase, PhasedProblem
+from socp.transcription.phases import Phase, PhasedProblem, once_along
 
 # Of a phase: which side of a jump a node is on, well above rounding and below any interval
 _NUDGE = 1e-9
@@ -177,7 +178,7 @@ def _arc(layout: Layout, point: NLPPoint, k: int) -> Arc:
     carried = v[layout.carried[k]].reshape(t.tau.size, -1).T
     z = v[layout.binaries[k]]
     given = [x, free, carried, times, v[layout.parameters], z]
-    (u,) = numbers(_of_phase(problem, phase)[0], *given)
+    (u,) = numbers(_control(problem, phase), *given)
     return Arc(
         t=times,
         x=x,
@@ -206,23 +207,29 @@ def _everywhere(values: np.ndarray, t: Table, times: np.ndarray) -> np.ndarray:
 
 
 @of_motion
-def _of_phase(problem: Problem, phase: Phase) -> tuple[casadi.Function, casadi.Function]:
-    """Return a phase's controls, and the gradient of the Hamiltonian along its law, as functions of
-    x, v, y, t, p, z, the gradient's of the costate too; built once for all arcs of its modes
-    between two knots, unless it has a choice.
+def _control(problem: Problem, phase: Phase) -> casadi.Function:
+    """Return a phase's controls as a function of x, v, y, t, p, z."""
+    given = _given(problem, phase)
+    make = partial(casadi.Function, "control", given, [phase.control])
+    return once_along(problem, phase, _control, make)
+
+
+@of_motion
+def _slope(problem: Problem, phase: Phase) -> casadi.Function:
+    """Return the gradient of the Hamiltonian along a phase's law, which carries no costate, as a
+    function of x, v, y, t, p, z and the costate.
     """
-    known, key = cached(problem, _of_phase), (phase.modes, phase.when)
-    if phase.choice is None and key in known:
-        return known[key]
-    rate, running = phase.flow(problem)
-    gradient = casadi.gradient(running + casadi.dot(problem.costate, rate), problem.x)
-    given = [problem.x, phase.free, phase.carried, time, problem.p, phase.z]
-    control = casadi.Function("control", given, [phase.control])
-    costate = [] if phase.carried.numel() else [problem.costate]  # a carried one is y
-    slope = casadi.Function("slope", [*given, *costate], [gradient])
-    if phase.choice is None:
-        known[key] = control, slope
-    return control, slope
+
+    def made() -> casadi.Function:
+        rate, running = phase.flow(problem)
+        gradient = casadi.gradient(running + casadi.dot(problem.costate, rate), problem.x)
+        return casadi.Function("slope", [*_given(problem, phase), problem.costate], [gradient])
+
+    return once_along(problem, phase, _slope, made)
+
+
+def _given(problem: Problem, phase: Phase) -> list[Expr]:
+    return [problem.x, phase.free, phase.carried, time, problem.p, phase.z]
 
 
 def _costate(layout: Layout, point: NLPPoint, k: int, given: list[np.ndarray]) -> np.ndarray:
@@ -237,7 +244,7 @@ def _costate(layout: Layout, point: NLPPoint, k: int, given: list[np.ndarray]) -
     costate[:, t.collocated] = (
         -t.B.transposed(multipliers).T[:, t.collocated] / t.weights[t.collocated]
     )
-    length, gradient = point.v[layout.lengths][k], _of_phase(problem, layout.phased.phases[k])[1]
+    length, gradient = point.v[layout.lengths][k], _slope(problem, layout.phased.phases[k])
     begins, ends = (_edge(t, multipliers, (length, gradient, given), last) for last in (0, 1))
     inner = {
         "left": begins[:, 1:],

@@ -11,10 +11,10 @@ from typing import final
 import casadi
 import numpy as np
 
-from socp.model import Expr, Problem, cached, numbers, of_motion, once, time
+from socp.model import Expr, Problem, numbers, of_motion, once, time
 from socp.transcription.dormand_prince import DOP853_STAGES
 from socp.transcription.kinks import kinks
-from socp.transcription.phases import Phase
+from socp.transcription.phases import Phase, once_along
 
 _END = 12  # the stage that is the end of a step
 
@@ -163,8 +163,4 @@ class Sweep:
 @of_motion
 def motion_of(problem: Problem, phase: Phase) -> Motion:
     """Return the motion along a phase's law; phases of one law share it."""
-    known = cached(problem, motion_of)
-    found = known.get(key := (phase.modes, phase.when))
-    if found is None or not casadi.is_equal(found.phase.control, phase.control):
-        known[key] = found = Motion(problem, phase)
-    return found
+    return once_along(problem, phase, motion_of, lambda: Motion(problem, phase))

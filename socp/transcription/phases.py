@@ -1,20 +1,21 @@
 """Problems cut into phases: one control law on each, free lengths between the switching times."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Self, final
+from typing import Any, Self, TypeVar, final
 
 import casadi
 import numpy as np
 
 from socp import laws
 from socp.errors import MethodError
-from socp.model import Expr, Mode, Modes, Problem, Word, column, of_motion, once, time
+from socp.model import Expr, Mode, Modes, Problem, Word, cached, column, of_motion, once, time
 from socp.transcription.kinks import decided
 
 _ROUNDING = 1e-12  # of the start's values: what an entry condition leaves there that they meet
 
+Made = TypeVar("Made")
 Row = tuple[Expr, float, float]  # an expression with the bounds that it has to keep
 
 
@@ -209,3 +210,22 @@ def _phase(problem: Problem, modes: Modes, kept: frozenset[str]) -> Phase:
         kept=law.kept,
         **carried,
     )
+
+
+def once_along(
+    problem: Problem,
+    phase: Phase,
+    function: Callable[..., Any],
+    make: Callable[[], Made],
+    *more: Any,
+) -> Made:
+    """Return what a function makes of a phase, and of `more`: once for all arcs of its modes
+    between two knots, for as long as these have the same law; anew where it has a choice.
+    """
+    if phase.choice is not None:
+        return make()
+    known: dict[tuple[Any, ...], tuple[Expr, Made]] = cached(problem, function)
+    key = phase.modes, phase.when, *more
+    if key not in known or not casadi.is_equal(known[key][0], phase.control):
+        known[key] = phase.control, make()
+    return known[key][1]

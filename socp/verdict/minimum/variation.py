@@ -17,13 +17,13 @@ takes N B to be symmetric, which is Goh's condition: else v enters the form besi
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, final
+from typing import final
 
 import casadi
 import numpy as np
 
-from socp.model import Expr, Problem, cached, numbers, of_motion, once, parameters_of, time
-from socp.transcription import Phase, Shooting
+from socp.model import Expr, Problem, numbers, of_motion, once, parameters_of, time
+from socp.transcription import Phase, Shooting, once_along
 from socp.verdict.minimum.induced import Induced
 
 
@@ -162,11 +162,7 @@ class Quadratic:
 @of_motion
 def quadratic(problem: Problem, phase: Phase, free: tuple[int, ...]) -> Quadratic:
     """Return the coefficients of a phase, built once for all arcs of its modes."""
-    known: dict[tuple[Any, ...], Quadratic] = cached(problem, quadratic)
-    found = known.get(key := (phase.modes, phase.when, free))
-    if found is None or not casadi.is_equal(found.phase.control, phase.control):
-        known[key] = found = Quadratic(problem, phase, free)
-    return found
+    return once_along(problem, phase, quadratic, lambda: Quadratic(problem, phase, free), free)
 
 
 def singular_places(shooting: Shooting) -> list[tuple[int, ...]]:
