@@ -76,6 +76,24 @@ def cached(owner: object, function: Callable[..., Found]) -> dict[tuple[Any, ...
     return known
 
 
+def lately(
+    owner: object,
+    function: Callable[..., Any],
+    key: tuple[Any, ...],
+    make: Callable[[], Found],
+    most: int = 1,
+) -> Found:
+    """Return what is made for a key, kept in the place of a function for as many keys as were asked
+    for last.
+    """
+    known: dict[tuple[Any, ...], Found] = vars(owner).setdefault(_place(function), {})
+    found = known.pop(key) if key in known else make()
+    while len(known) >= most:
+        del known[next(iter(known))]
+    known[key] = found
+    return found
+
+
 # -- functions
 
 

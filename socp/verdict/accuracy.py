@@ -10,7 +10,7 @@ from typing import Any, final
 import numpy as np
 
 from socp.errors import MethodError
-from socp.model import ACTIVE, Arc, Problem, Solution, Verdict, cached, digits_of, once
+from socp.model import ACTIVE, Arc, Problem, Solution, Verdict, digits_of, lately, once
 from socp.transcription import (
     PhasedProblem,
     Shooting,
@@ -173,13 +173,9 @@ def word_problem(problem: Problem, solution: Solution, points: int) -> WordProbl
     """Return the problem of a solution's word, laid out once for the same values; None where there
     is no word, or an arc has no length.
     """
-    known = cached(problem, word_problem)  # the judge, polish and the second order ask in turns
+    # the judge, polish and the second order ask in turns
     key = points, *values_of(solution)
-    if key not in known:
-        for old in list(known)[: 1 - _KEPT]:
-            del known[old]
-        known[key] = _laid(problem, solution, points)
-    return known[key]
+    return lately(problem, word_problem, key, lambda: _laid(problem, solution, points), _KEPT)
 
 
 def values_of(solution: Solution) -> tuple[Any, ...]:

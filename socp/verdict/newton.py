@@ -3,12 +3,12 @@ multipliers.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Self, final
 
 import numpy as np
 
-from socp.model import TINY, cached, scales
+from socp.model import TINY, lately, scales
 from socp.transcription import Linearised, Shooting
 
 _RUIZ = 5  # rounds of scaling: each halves the decades between rows
@@ -45,11 +45,8 @@ class Conditions:
         """Return equations and cost with their slopes at variables (n,): worked out once for as
         long as they stay.
         """
-        known, key = cached(self, Conditions.linearised), (at.tobytes(),)
-        if key not in known:
-            known.clear()
-            known[key] = Linearised.of(self.shooting, at)
-        return known[key]
+        key, make = (at.tobytes(),), partial(Linearised.of, self.shooting, at)
+        return lately(self, Conditions.linearised, key, make)
 
     @cached_property
     def size(self) -> np.ndarray:

@@ -4,7 +4,6 @@ ends, its state constraints and its box, relative to sizes.
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import casadi
 import numpy as np
@@ -17,12 +16,12 @@ from socp.model import (
     Feasibility,
     Problem,
     Solution,
-    cached,
     column,
     condition_function,
     condition_slopes,
     end_values,
     evaluate,
+    lately,
     magnitude,
     mayer_function,
     numbers,
@@ -186,12 +185,7 @@ def _both(problem: Problem, solution: Solution) -> _Found:
         for arc in solution.arcs
     )
     key = (solution.objective, *solution.parameters.items(), *arcs)
-    known: dict[tuple[Any, ...], _Found] = cached(problem, _both)
-    found = known.pop(key, None) or _integrated(problem, solution)
-    while len(known) >= _KEPT:
-        del known[next(iter(known))]
-    known[key] = found
-    return found
+    return lately(problem, _both, key, lambda: _integrated(problem, solution), _KEPT)
 
 
 def _integrated(problem: Problem, solution: Solution) -> _Found:

@@ -2,10 +2,11 @@
 
 import time
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from socp.model import Curvature, Minimum, Problem, SecondOrder, Solution, cached
+from socp.model import Curvature, Minimum, Problem, SecondOrder, Solution, lately
 from socp.transcription import smooth
 from socp.verdict.minimum.descent import descents
 from socp.verdict.minimum.goh import singular_curvature
@@ -32,20 +33,19 @@ def second_order(problem: Problem, solution: Solution, *, inside: bool = True) -
     depends.
     """
     # a search asks before it returns what is asked again in the end
-    known = cached(problem, second_order)
     modes = tuple(arc.modes for arc in solution.arcs)
     values = solution.objective, solution.t.tobytes(), solution.rows("x").tobytes()
-    key = (modes, inside, *values)
-    if (found := known.get(key)) is None:
-        known.clear()
-        with np.errstate(all="ignore"):
-            try:
-                found = _second_order(problem, solution, inside)
-            except (np.linalg.LinAlgError, ArithmeticError) as error:
-                why = f"it could not be worked out: {error}"
-                found = SecondOrder(kind=Minimum.UNTESTED, limits=(why,))
-        known[key] = found
-    return found
+    make = partial(_tested, problem, solution, inside)
+    return lately(problem, second_order, (modes, inside, *values), make)
+
+
+def _tested(problem: Problem, solution: Solution, inside: bool) -> SecondOrder:
+    with np.errstate(all="ignore"):
+        try:
+            return _second_order(problem, solution, inside)
+        except (np.linalg.LinAlgError, ArithmeticError) as error:
+            why = f"it could not be worked out: {error}"
+            return SecondOrder(kind=Minimum.UNTESTED, limits=(why,))
 
 
 def lower_sides(problem: Problem, solution: Solution) -> list[Solution]:
