@@ -180,8 +180,7 @@ def _held(
     found: list[Solution] = []
     with time_limit(_HOLDING * seconds_left()):
         solved = [each for each in directs if each.stop.ok]
-        starts = _starts(problem, solved) if solved else iter(())
-        best = next((each for each in starts if each.stop.ok), None)
+        best = next((each for each in _starts(problem, solved) if each.stop.ok), None)
         for start in [] if best is None else [*_claiming(best, solved), best]:
             held = held_solution(problem, start, backend, watch)
             if held is not None and held.stop is Stop.INTERRUPTED:
@@ -230,8 +229,10 @@ def meshes(problem: Problem, steps: int) -> tuple[Mesh, ...]:
 
 def _starts(problem: Problem, directs: Sequence[Solution]) -> Iterator[Solution]:
     """Yield the solutions in hand, the best ones first, then motions: grids may have jumped over
-    what these follow.
+    what these follow. None where nothing is in hand.
     """
+    if not directs:
+        return
     with time_limit(_LOOKING * seconds_left()):
         solved = [own_motion(problem, each) for each in directs if each.stop.ok]
     ordered = sorted(solved, key=cmp_to_key(_order))

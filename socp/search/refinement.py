@@ -150,7 +150,7 @@ def _late(problem: Problem, direct: Solution, search: Search) -> Iterator[list[C
     if search.rounded:
         return
     search.rounded = True
-    from socp.search.rounding import rounded_word  # it brings cvxpy
+    from socp.search.rounding import rounded_word  # it brings scipy's optimisers
 
     modes = arc_modes(problem)
     for switches in (max(len(first.arcs) - 1, 1), len(first.arcs) - 1 + _PLAIN):
