@@ -4,7 +4,7 @@ loses none.
 
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,10 +33,14 @@ class Place:
     said: str = ""
     failed: bool = False
 
-    def check(self) -> None:
-        """Raise KeepingError where the result could not be written where it was to be."""
+    def tell(self, warn: Callable[[str], None]) -> None:
+        """Warn of what the user has to know; KeepingError where the result could not be written
+        where it was to be.
+        """
         if self.failed:
             raise KeepingError(self.said)
+        if self.said:
+            warn(self.said)
 
 
 def keep(problem: "Problem", solution: "Solution", path: Path) -> Place:

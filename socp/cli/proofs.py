@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
+from socp.cli.keeping import ENDING
 from socp.cli.progress import progress
 from socp.cli.session import messages
 from socp.process import breakable, give_way, heard, write_atomic
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from socp.proof import Existence, LowerBound
 
 BOUND = ".bound.json"
-_RESULT = ".socp.json"
 
 
 @final
@@ -87,7 +87,7 @@ def _bounded(problem: "Problem", before: Proofs, path: Path, *, quiet: bool) -> 
     found = searched(problem, before.solution, quiet=quiet)
     if found.bound is None:
         return _more(before, found, {"bound": found.data}, tuple(found.lines))
-    place = path.with_name(path.name.removesuffix(_RESULT).removesuffix(".json") + BOUND)
+    place = path.with_name(path.name.removesuffix(ENDING).removesuffix(".json") + BOUND)
     write_atomic(place, json.dumps(found.certificate))
     proofs = _more(before, found, {"bound": found.data}, (("certificate", str(place)),))
     return replace(proofs, certificates=(*before.certificates, place))

@@ -531,6 +531,10 @@ def test_compare_keeps_results_and_has_rows_for_kept_ones(socp: Command) -> None
     assert refused.code == 1
     assert "its states are" in refused.err
     assert "compare" not in refused.out
+    Path("taken").write_text("")
+    in_vain = socp("compare", "cart.py", "-m", "euler-ipopt", "--keep", "taken")
+    assert in_vain.code == 2
+    assert in_vain.err.startswith("error: --keep taken: ")
 
 
 def test_compare_prints_one_table(socp: Command) -> None:

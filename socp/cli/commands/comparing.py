@@ -22,9 +22,9 @@ from socp.cli.options import options_by_method
 from socp.cli.posing import load_posed, named_after, set_option, told, told_line
 from socp.cli.progress import progress
 from socp.cli.running import made, run_method
-from socp.cli.session import Exit, Session, messages, results, show, write_json
+from socp.cli.session import Exit, Session, messages, results, show, writable, write_json
 from socp.cli.show import facts, variations, worst
-from socp.errors import SocpError
+from socp.errors import MethodError, SocpError
 from socp.model import COMPARED
 from socp.process import heard, one_line, signals_held
 from socp.registry import Registry, reason
@@ -115,6 +115,7 @@ def compare(
     built = [made(registry, method.name, options[method.name]) for method in chosen]
     posed = load_posed(problem, how["changes"], registry)
     saved = _saved(session, posed, how["beside"], [method.name for method in built])
+    places = _places(posed, built, how["keep"], how["changes"])
     with (
         signals_held(),
         recording(session, registry, posed, how["record"], runs=len(built)) as recorder,
@@ -123,8 +124,11 @@ def compare(
     rows = [*solved, *saved]
     best = best_of(rows)
     with signals_held():
-        if how["keep"]:
-            _keep(session, posed, solved, Path(how["keep"]), how["changes"])
+        kept = [
+            keep(posed, row.solution, path)
+            for row, path in zip(solved, places, strict=False)
+            if row.solution is not None
+        ]
         if how["as_json"]:
             write_json(
                 {
@@ -139,6 +143,8 @@ def compare(
     for row in rows:
         if row.error:
             session.warn(f"{row.method}: {row.error}")
+    for place in kept:
+        place.tell(session.warn)
     if len(solved) < len(built) or heard():
         session.note(f"interrupted: the table is of {len(solved)} of {len(built)} methods")
         return Exit.INTERRUPTED
@@ -178,18 +184,20 @@ def _saved(
     ]
 
 
-def _keep(
-    session: Session, problem: "Problem", rows: list[Row], folder: Path, changes: Sequence[str]
-) -> None:
-    """Write the result of every method; a better one of an earlier run stays."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for row in rows:
-        if row.solution is not None:
-            name = named_after(problem.name, f".{row.method}{ENDING}", changes)
-            place = keep(problem, row.solution, folder / name)
-            if place.said:
-                session.warn(place.said)
-            place.check()
+def _places(
+    problem: "Problem", methods: "list[Method]", folder: str | None, changes: Sequence[str]
+) -> list[Path]:
+    """Return the path of every method's result in a folder, which is made, none without one;
+    MethodError says before the work why one cannot be written.
+    """
+    if folder is None:
+        return []
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise MethodError(f"--keep {folder}: {error}; give another name") from error
+    names = [named_after(problem.name, f".{each.name}{ENDING}", changes) for each in methods]
+    return [writable(Path(folder) / name, "--keep") for name in names]
 
 
 def _rows(

@@ -3,7 +3,7 @@ problem's optimum; and the check of its certificate.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
@@ -89,7 +89,8 @@ def prove(session: Session, /, result: str, bits: int, problem: str | None, as_j
     if as_json:
         write_json({**proof.data, "ladder": ladder(proved)})
     else:
-        show(heading(found.name, found.title), _table([*proof.lines, ("rung", top_text(proved))]))
+        lines = [*proof.lines, ("rung", top_text(proved))]
+        show(heading(found.name, found.title), table_lines(map(row, lines)))
     return Exit.SOLVED if proof.holds else Exit.UNSOLVED
 
 
@@ -158,10 +159,6 @@ def _bounded(session: Session, asked: Asked) -> int:
     return Exit.UNSOLVED if found.bound is None else Exit.SOLVED
 
 
-def _table(lines: Sequence[tuple[str, str]]) -> Any:
-    return table_lines(map(row, lines))
-
-
 def _posed(session: Session, registry: "Registry", asked: Asked) -> "tuple[Problem, Solution]":
     """Return a problem and a result of it: the given one, or what `auto` finds."""
     from socp.methods import default_guess
@@ -211,7 +208,7 @@ def check_certificate(
         if as_json:
             write_json({"proved": False, "reason": reason})
         else:
-            show(heading(path, ""), _table([("not proved", reason)]))
+            show(heading(path, ""), table_lines([row(("not proved", reason))]))
         return Exit.UNSOLVED
     if given is not None:
         other = load_problem(given, session.registry())
@@ -226,5 +223,5 @@ def check_certificate(
         ("problem", f"{problem.name}, fingerprint {problem.fingerprint[:16]}"),
         ("arithmetic", "every inequality expanded anew, in fractions"),
     ]
-    show(heading(problem.name, problem.title), _table(lines))
+    show(heading(problem.name, problem.title), table_lines(map(row, lines)))
     return Exit.SOLVED

@@ -9,7 +9,7 @@ import click
 from socp.cli.commands.advising import advice
 from socp.cli.commands.completing import keys, methods, problems
 from socp.cli.commands.recording import live_option, record_option, recording, recording_watch
-from socp.cli.keeping import Place, keep
+from socp.cli.keeping import ENDING, Place, keep
 from socp.cli.options import DEFAULT_METHOD, pairs
 from socp.cli.outcome import code, require_option
 from socp.cli.posing import load_posed, named_after, set_option
@@ -145,7 +145,7 @@ def solve(session: Session, /, **given: Any) -> int:
     if asked.prove or asked.bound:
         provable()
     path = writable(
-        Path(asked.out) if asked.out else named_after(problem.name, ".socp.json", asked.changes)
+        Path(asked.out) if asked.out else named_after(problem.name, ENDING, asked.changes)
     )
     with (
         signals_held(),
@@ -169,9 +169,7 @@ def solve(session: Session, /, **given: Any) -> int:
 
 def _ended(session: Session, solution: "Solution", place: Place, asked: Asked) -> int:
     """Say what else there is to know of a result, and return the exit code."""
-    place.check()
-    if place.said:
-        session.warn(place.said)
+    place.tell(session.warn)
     if solution.verdict is None:
         session.note(f"interrupted before it was verified: the result is in {place.path}")
         return Exit.INTERRUPTED

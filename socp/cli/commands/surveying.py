@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from socp.cli.commands.completing import problems
-from socp.cli.keeping import Place, keep
+from socp.cli.keeping import ENDING, keep
 from socp.cli.posing import Named, load_posed, named_after, set_option, told, told_line
 from socp.cli.progress import progress
 from socp.cli.session import (
@@ -86,9 +86,7 @@ def census(session: Session, /, **given: Any) -> int:
     posed = load_posed(named.given, named.changes, session.registry(plugins=False))
     check_controls(posed)
     path = writable(
-        Path(given["out"])
-        if given["out"]
-        else named_after(posed.name, ".socp.json", given["changes"])
+        Path(given["out"]) if given["out"] else named_after(posed.name, ENDING, given["changes"])
     )
     store = Store(path.parent / named_after(posed.name, ".census"), fingerprint(posed, recipe()))
     with (
@@ -113,7 +111,8 @@ def census(session: Session, /, **given: Any) -> int:
             show(*first, *_tables(found), *result)
     for number in found.died:
         session.warn(f"start {number}: its worker process died")
-    _say(session, place)
+    if place is not None:
+        place.tell(session.warn)
     if found.unkept:
         raise KeepingError(f"{found.unkept}; the table counts them, but another census begins anew")
     if found.interrupted:
@@ -121,14 +120,6 @@ def census(session: Session, /, **given: Any) -> int:
         session.note(f"interrupted: {len(found.outcomes)} of {starts} starts are {where}")
         return Exit.INTERRUPTED
     return Exit.SOLVED if found.extremals else Exit.UNSOLVED
-
-
-def _say(session: Session, place: Place | None) -> None:
-    """Say where a result is, if it is not where it was to be."""
-    if place is not None:
-        place.check()
-        if place.said:
-            session.warn(place.said)
 
 
 def _facts(problem: "Problem", found: "Census") -> dict[str, Any]:
@@ -278,9 +269,7 @@ def frontier(session: Session, /, **given: Any) -> int:
     posed = load_posed(given["problem"], given["changes"], session.registry(plugins=False))
     check_controls(posed)
     path = writable(
-        Path(given["out"])
-        if given["out"]
-        else named_after(posed.name, ".socp.json", given["changes"])
+        Path(given["out"]) if given["out"] else named_after(posed.name, ENDING, given["changes"])
     )
     most, dwell = given["most"], given["dwell"]
     with progress(messages(), f"{posed.name}, frontier", quiet=session.quiet) as watch:
@@ -309,7 +298,8 @@ def frontier(session: Session, /, **given: Any) -> int:
             result = [Text(f"result  {place.path}")] if place else []
             above = heading(posed.name, posed.title), *told_line(given["changes"])
             show(*above, _rows(found), Text(_words(found)), *result)
-    _say(session, place)
+    if place is not None:
+        place.tell(session.warn)
     if found.interrupted:
         session.note("interrupted: the table is of the words solved before")
         return Exit.INTERRUPTED
