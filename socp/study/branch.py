@@ -23,8 +23,10 @@ class Event:
 
     `value` of the number, located within `error` (infinite where it was not, and lies after the
     last point); `kind`: what happens, `where`: to what, `time`: when, nan where that is not known;
-    the words `before` and `after`, empty where nothing follows. `solution` is the limit of what
-    comes before, or after, None where that is not known.
+    the words `before` and `after`, empty where nothing follows, the same at a fold, where the
+    number turns back, and where an extremal ceases to be a minimum, or becomes one. `place`: how
+    many points of the branch come before it. `solution` is the limit of what comes before, or
+    after, None where that is not known.
     """
 
     value: float
@@ -34,6 +36,7 @@ class Event:
     time: float
     before: str
     after: str
+    place: int
     solution: Solution | None = None
 
 
@@ -63,13 +66,10 @@ class Branch:
 
     def _merged(self) -> Iterator[tuple[float, Solution | None, Event | None]]:
         """Yield points and events in the order of the branch."""
-        down = len(self.points) > 1 and self.points[-1].value < self.points[0].value
-        sign = -1.0 if down else 1.0
-        both: list[tuple[float, Solution | None, Event | None]] = [
-            *((each.value, each.solution, None) for each in self.points),
-            *((each.value, each.solution, each) for each in self.events),
-        ]
-        yield from sorted(both, key=lambda row: (sign * row[0], row[2] is not None))
+        for k, point in enumerate((*self.points, None)):
+            yield from ((e.value, e.solution, e) for e in self.events if e.place == k)
+            if point is not None:
+                yield point.value, point.solution, None
 
     def _row(self, value: float, solution: Solution | None, event: Event | None) -> dict[str, Any]:
         return {

@@ -4,19 +4,23 @@ from collections.abc import Iterator
 from contextlib import suppress
 
 import numpy as np
+from scipy.interpolate import BarycentricInterpolator
 from scipy.optimize import brentq
 
 from socp.model import Problem, Solution, silent
 from socp.process import time_limit
 from socp.search import Candidate, Search, mends, merged, neighbour, try_words, word_of
 from socp.study.branch import Event, Point
-from socp.study.monitors import Clue, Margins, lengths, margins
-from socp.study.naming import TURNED, named
+from socp.study.monitors import CURVATURE, Clue, Margins, lengths, margins
+from socp.study.naming import MINIMUM, TURNED, named
 from socp.study.walk import EVENT, SMALLEST, STEPS, ZERO, Trial, Walk, Zero, past
 from socp.verdict import learn, with_second_order
 
 _CLEAR = 1e-7  # of its size: one that is further on the wrong side has passed through zero
 _LOCATED = 1e-12  # of the span: where a zero of a figure is sought no closer
+# Of a step: how far beside the zero of the curvature, where the conditions are singular, it is
+# looked at, ever nearer; the polynomial through four of them is off by the fourth power
+_NEARER, _NODES = (0.1, 1e-2, 1e-3), (-2.0, -1.0, 1.0, 2.0)
 _BEYOND = (0.25, 0.05, 1.0)  # of the step left: where the word beyond an event is tried
 _WORDS, _SECONDS = 12, 30.0  # words tried there at most, and the time for them
 _SAME = 1e-6  # relative: by how much the objectives of two words may differ where they meet
@@ -29,8 +33,54 @@ def passed(before: Margins, now: Margins) -> bool:
     return any(
         now[clue].value < -_CLEAR and each.value >= -ZERO
         for clue, each in before.items()
-        if clue in now
+        if clue in now and clue != CURVATURE
     )
+
+
+def minimality(walk: Walk, before: Trial, now: Trial) -> Iterator[Event]:
+    """Yield the event between two trials of one word at which the extremal ceases to be a minimum,
+    or becomes one: an extremal it is on either side.
+    """
+    a, b = (each.margins.get(CURVATURE) for each in (before, now))
+    if (
+        a is None
+        or b is None
+        or not min(a.value, b.value) < -_CLEAR < _CLEAR < max(a.value, b.value)
+    ):
+        return
+    zeros = [float("inf"), *_flattened(walk, before, now)]
+    word = now.solution.word
+    yield Event(
+        value=zeros[-1],
+        error=max(abs(zeros[-1] - zeros[-2]), _LOCATED * abs(walk.width)),
+        kind=MINIMUM[a.value < b.value],
+        where=walk.name,
+        time=float("nan"),
+        before=word,
+        after=word,
+        place=len(walk.points),
+    )
+
+
+def _flattened(walk: Walk, before: Trial, now: Trial) -> Iterator[float]:
+    """Yield values of the number at which the curvature between two trials is zero, ever better:
+    by the polynomial through some of them, the number over the curvature.
+    """
+    known, step = [before, now], now.value - before.value
+    yield (zero := _crossed(known))
+    for share in _NEARER:
+        near = min((before, now), key=lambda each: abs(each.value - zero))
+        tried = (walk.tried(zero + node * share * step, near) for node in _NODES)
+        found = [each for each in tried if each is not None and CURVATURE in each.margins]
+        if len(found) < len(_NODES):
+            return
+        yield (zero := _crossed(found))
+
+
+def _crossed(trials: list[Trial]) -> float:
+    """Return the number at which the curvature of trials is zero."""
+    heights = [each.margins[CURVATURE].value for each in trials]
+    return float(BarycentricInterpolator(heights, [each.value for each in trials])(0.0))
 
 
 def changed(
@@ -191,6 +241,7 @@ def _named(
         time=there.trial.margins[there.clue].time,
         before=before.word,
         after="" if after is None else after.word,
+        place=len(walk.points),
         solution=there.trial.solution,
     )
 

@@ -3,7 +3,7 @@
 A step predicts by the last two solutions, corrects by Newton on the conditions of the word, and is
 judged. Where the judge does not certify it, the word has changed on the way: the figure that has
 passed through zero is located by solving for its zero in the number, and the word that holds beyond
-is the one that mends what the judge has found.
+is the one that mends what the judge has found. Where the number turns back the branch goes round.
 """
 
 from collections.abc import Mapping
@@ -17,13 +17,17 @@ from socp.process import breakable
 from socp.search import Search, warm_start
 from socp.study.branch import Branch, Point
 from socp.study.census import explore
-from socp.study.events import changed, passed
+from socp.study.events import changed, minimality, passed
+from socp.study.folds import rounded
 from socp.study.monitors import margins
+from socp.study.naming import FOLD
 from socp.study.walk import SMALLEST, STEPS, Trial, Walk, apart, predicted, vanishing
 from socp.verdict import with_second_order, with_statement
 
 _STARTS = 3  # of a census, for the first solution
 _PREDICTED = 0.01  # of the horizon: how far a prediction may be off, by which steps are chosen
+# Of the horizon: what is further from its prediction may be of another branch
+_ASTRAY = 0.05
 _TRIES = 2  # changes of word that are tried from one point before a branch is given up
 _GROWN, _CUT = 2.0, 0.25  # times the last step, at most and at least
 
@@ -104,42 +108,68 @@ def _first(problem: Problem, guess: Solution | None, watch: Watch) -> Solution:
 
 def _walked(walk: Walk, steps: int) -> str:
     """Go on to the last value; returns why that is not reached, empty where it is."""
-    longest = step = walk.width / steps
-    before: Point | None = None
+    longest = step = abs(walk.width) / steps
+    before: Trial | None = None
     missed = 0
-    known = margins(walk.at(walk.span[0]), walk.points[-1].solution)
-    while (now := walk.points[-1]).value != walk.span[1]:
-        value = now.value + step
-        if (walk.span[1] - value) / walk.width <= SMALLEST:
-            value = walk.span[1]
-        near = vanishing(walk, before, now, value)
-        if near is not None and changed(walk, Trial(now.value, now.solution, known), value, near):
-            before, now = None, walk.points[-1]
-            known = margins(walk.at(now.value), now.solution)
+    here = _last(walk)
+    while here.value != walk.span[1]:
+        value = _ahead(walk, here.value, step)
+        near = vanishing(walk, before, here, value)
+        if near is not None and changed(walk, here, value, near):
+            before, here = None, _last(walk)
             continue
-        guess = predicted(before, now, value)
-        trial = walk.tried(value, now, guess)
-        if trial is not None and trial.holds and not passed(known, trial.margins):
-            if guess is not None:
-                grown = np.sqrt(_PREDICTED / apart(guess, trial.solution))
-                step = (value - now.value) * float(np.clip(grown, _CUT, _GROWN))
-                step = step if abs(step) < abs(longest) else longest
-            before, known, missed = now, trial.margins, 0
+        guess = predicted(before, here, value)
+        trial = walk.tried(value, here, guess)
+        if trial is not None and trial.holds and guess is not None:
+            off = apart(guess, trial.solution)
+            step = min(abs(value - here.value) * _times(off), longest)
+            astray = off > _ASTRAY
+        else:
+            astray = trial is None
+        if astray and (turned := rounded(walk, here, value - here.value)) is not None:
+            before, here, missed = None, turned, 0
+            continue
+        if astray and abs(value - here.value) > _CUT**2 * longest:
+            step = _CUT * abs(value - here.value)
+            continue
+        if trial is not None and trial.holds and not passed(here.margins, trial.margins):
+            walk.events += minimality(walk, here, trial)
             walk.points.append(Point(value, trial.solution))
+            before, here, missed = here, trial, 0
             continue
-        if trial is None and abs(step) > _CUT**2 * abs(longest):
-            step *= _CUT
+        if changed(walk, here, value, trial):
+            before, here, missed = None, _last(walk), 0
             continue
-        if not changed(walk, Trial(now.value, now.solution, known), value, trial):
-            missed += 1
-            if missed < _TRIES and abs(step) > SMALLEST * abs(walk.width):
-                step *= _CUT
-                continue
+        missed, step = missed + 1, _CUT * abs(value - here.value)
+        if missed >= _TRIES or step <= _CUT * SMALLEST * abs(walk.width):
             return _lost(walk, value)
-        missed = 0
-        before, now = None, walk.points[-1]
-        known = margins(walk.at(now.value), now.solution)
-    return ""
+    return _returned(walk) if walk.back else ""
+
+
+def _last(walk: Walk) -> Trial:
+    """Return the last point with its margins."""
+    now = walk.points[-1]
+    return Trial(now.value, now.solution, margins(walk.at(now.value), now.solution))
+
+
+def _ahead(walk: Walk, value: float, step: float) -> float:
+    """Return the value that is a step ahead, the last one where next to nothing is left to it."""
+    found = value + float(np.copysign(step, walk.width))
+    return walk.span[1] if (walk.span[1] - found) / walk.width <= SMALLEST else found
+
+
+def _times(off: float) -> float:
+    """Return by how much steps may grow where a prediction was so far off."""
+    return float(np.clip(np.sqrt(_PREDICTED / off), _CUT, _GROWN))
+
+
+def _returned(walk: Walk) -> str:
+    """Say that a branch is back where it began."""
+    folds = ", ".join(f"{each.value:.12g}" for each in walk.events if each.kind == FOLD)
+    return (
+        f"{walk.name} = {walk.span[1]:.12g}: the branch is back at the value that it began at, "
+        f"round its fold at {folds}"
+    )
 
 
 def _lost(walk: Walk, value: float) -> str:
@@ -148,9 +178,8 @@ def _lost(walk: Walk, value: float) -> str:
     """
     now, name = walk.points[-1], walk.name
     next_ = (
-        f"beyond the problem may have none, as where its end comes out of reach: solve it at "
-        f"{name} = {value:.6g} by itself, which tells; or the branch folds back there: follow it "
-        "from the other end"
+        "beyond the problem may have none, as where its end comes out of reach: solve it at "
+        f"{name} = {value:.6g} by itself, which tells"
     )
     if walk.last is not None:
         walk.events.append(walk.last)

@@ -52,6 +52,7 @@ class Margin:
 
 
 Margins = dict[Clue, Margin]
+CURVATURE = Clue("curvature", "")  # the least one of the objective among controls of the word
 
 
 def lengths(solution: Solution) -> Margins:
@@ -78,7 +79,7 @@ def margins(problem: Problem, solution: Solution) -> Margins:
     found |= dict(_multipliers(solution))
     order = solution.verdict.second_order if solution.verdict else None
     if order is not None and order.word is not None and order.word.free:
-        found[Clue("curvature", "")] = Margin(order.word.least, solution.initial_time)
+        found[CURVATURE] = Margin(order.word.least, solution.initial_time)
     return found
 
 

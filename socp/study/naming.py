@@ -10,8 +10,9 @@ _KINDS = {  # going forth, and coming back
     "upper": ("law leaves its box", "law enters its box"),
     "constraint": ("constraint touched", "constraint left"),
     "multiplier": ("constraint left", "constraint touched"),
-    "curvature": ("minimum lost", "minimum gained"),
 }
+MINIMUM = "minimum lost", "minimum gained"
+FOLD = "fold"
 # an arc loses its length, and has it again at the other bound
 TURNED = "bound changes"
 

@@ -51,18 +51,29 @@ class Zero:
 @final
 @dataclass(eq=False)
 class Walk:
-    """A branch as it is being followed: what is known of it, and how to go on; `last` is the event
-    beyond which no word was found. Its solutions are those of the family.
+    """A branch as it is being followed between the `ends` of the number: what is known of it, and
+    how to go on; `back` where a fold has turned it round, `last` is the event beyond which no word
+    was found. Its solutions are those of the family.
     """
 
     family: Family
     name: str
-    span: tuple[float, float]
+    ends: tuple[float, float]
     watch: Watch
     points: list[Point] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     problems: dict[float, Problem] = field(default_factory=dict)
     last: Event | None = None
+    back: bool = False
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The end that it comes from, and the one that it goes to."""
+        return self.ends[::-1] if self.back else self.ends
+
+    def turn(self) -> None:
+        """Go the other way."""
+        self.back = not self.back
 
     @property
     def width(self) -> float:
@@ -95,13 +106,18 @@ class Walk:
         found = continued(problem, near.solution, self.at(near.value), ahead)
         if found is None:
             return None
+        return self.judged(value, found)
+
+    def judged(self, value: float, found: Solution) -> Trial:
+        """Return a trial of a solution of the conditions of its word."""
+        problem = self.at(value)
         if min(each.value for each in lengths(found).values()) <= 0.0:
             return Trial(value, found, lengths(found))
         judged = with_second_order(problem, certified(problem, found))
         return Trial(value, judged, margins(problem, judged))
 
 
-def predicted(before: Point | None, now: Point, value: float) -> Solution | None:
+def predicted(before: Point | Trial | None, now: Point | Trial, value: float) -> Solution | None:
     """Return the solution that the last two predict at a value, on a straight line through them;
     None where the last one is alone on its word. No arc loses all of its length.
     """
@@ -120,7 +136,7 @@ def predicted(before: Point | None, now: Point, value: float) -> Solution | None
 
 
 def vanishing(
-    walk: Walk, before: Point | None, now: Point, value: float
+    walk: Walk, before: Point | Trial | None, now: Point | Trial, value: float
 ) -> tuple[float, list[Solution]] | None:
     """Return where, up to a value, the last two solutions let an arc lose its length, if they do,
     and guesses along the words that may hold beyond: without the arc, and with another bound on it.

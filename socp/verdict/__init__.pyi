@@ -1,3 +1,4 @@
+from .accuracy import WordProblem as WordProblem
 from .accuracy import word_problem as word_problem
 from .certify import certified as certified
 from .certify import graded as graded
