@@ -12,8 +12,8 @@ from socp.process import time_limit
 from socp.search import Candidate, Search, mends, merged, neighbour, try_words, word_of
 from socp.study.branch import Event, Point
 from socp.study.monitors import CURVATURE, Clue, Margins, lengths, margins
-from socp.study.naming import MINIMUM, TURNED, named
-from socp.study.walk import EVENT, SMALLEST, STEPS, ZERO, Trial, Walk, Zero, past
+from socp.study.naming import MET, MINIMUM, TURNED, named
+from socp.study.walk import ASTRAY, EVENT, SMALLEST, STEPS, ZERO, Trial, Walk, Zero, apart, past
 from socp.verdict import learn, with_second_order
 
 _CLEAR = 1e-7  # of its size: one that is further on the wrong side has passed through zero
@@ -21,6 +21,7 @@ _LOCATED = 1e-12  # of the span: where a zero of a figure is sought no closer
 # Of a step: how far beside the zero of the curvature, where the conditions are singular, it is
 # looked at, ever nearer; the polynomial through four of them is off by the fourth power
 _NEARER, _NODES = (0.1, 1e-2, 1e-3), (-2.0, -1.0, 1.0, 2.0)
+_ROUNDS = 30  # of a zero that is approached from one side: secants take six or so
 _BEYOND = (0.25, 0.05, 1.0)  # of the step left: where the word beyond an event is tried
 _WORDS, _SECONDS = 12, 30.0  # words tried there at most, and the time for them
 _SAME = 1e-6  # relative: by how much the objectives of two words may differ where they meet
@@ -67,19 +68,19 @@ def _flattened(walk: Walk, before: Trial, now: Trial) -> Iterator[float]:
     by the polynomial through some of them, the number over the curvature.
     """
     known, step = [before, now], now.value - before.value
-    yield (zero := _crossed(known))
+    yield (zero := _crossed(known, CURVATURE))
     for share in _NEARER:
         near = min((before, now), key=lambda each: abs(each.value - zero))
         tried = (walk.tried(zero + node * share * step, near) for node in _NODES)
         found = [each for each in tried if each is not None and CURVATURE in each.margins]
         if len(found) < len(_NODES):
             return
-        yield (zero := _crossed(found))
+        yield (zero := _crossed(found, CURVATURE))
 
 
-def _crossed(trials: list[Trial]) -> float:
-    """Return the number at which the curvature of trials is zero."""
-    heights = [each.margins[CURVATURE].value for each in trials]
+def _crossed(trials: list[Trial], clue: Clue) -> float:
+    """Return the number at which a margin of trials is zero, by the polynomial through them."""
+    heights = [each.margins[clue].value for each in trials]
     return float(BarycentricInterpolator(heights, [each.value for each in trials])(0.0))
 
 
@@ -107,6 +108,8 @@ def changed(
             if event is None:
                 continue
             walk.events.append(event)
+        elif apart(inside.solution, other) > ASTRAY:  # of another branch
+            continue
         walk.points.append(Point(place, other))
         return True
     walk.last = found and _named(walk, found, found, inside.solution, None)
@@ -154,13 +157,30 @@ def _zero(walk: Walk, clue: Clue, inside: Trial, outside: Trial) -> Trial | None
             known[value] = found
         return known[value].margins[clue].value
 
-    if outside.margins[clue].value >= -ZERO:  # it is zero there
-        return outside
+    if outside.margins[clue].value >= -ZERO:
+        return outside if outside.holds else _approached(walk, clue, inside, outside)
     with suppress(ArithmeticError, RuntimeError):
         xtol = _LOCATED * abs(walk.width)
         root = brentq(height, inside.value, outside.value, xtol=xtol, maxiter=40)
         height(root)
         return known[root]
+    return None
+
+
+def _approached(walk: Walk, clue: Clue, inside: Trial, outside: Trial) -> Trial | None:
+    """Solve for the value at which a margin is zero from inside alone: a multiplier that would have
+    the wrong sign beyond is none of the judge's, who looks for others there.
+    """
+    good, value = [inside], (inside.value + outside.value) / 2.0
+    for _ in range(_ROUNDS):
+        found = walk.tried(value, good[-1])
+        if found is None or not found.holds or clue not in found.margins:
+            value = (good[-1].value + value) / 2.0
+            continue
+        good.append(found)
+        if abs(found.margins[clue].value) <= ZERO:
+            return found
+        value = _crossed(good[-len(_NODES) :], clue)
     return None
 
 
@@ -231,7 +251,12 @@ def _named(
     """
     called = forth or there
     kind, where = named(called.trial.solution, called.clue, back=forth is None)
-    if after is not None and called.clue.kind == "length" and _turned(before, after):
+    if (
+        kind != MET
+        and after is not None
+        and called.clue.kind == "length"
+        and _turned(before, after)
+    ):
         kind = TURNED
     return Event(
         value=there.trial.value,

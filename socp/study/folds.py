@@ -6,6 +6,7 @@ Bifurcation Theory, 1977, 359-384).
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self, final
 
 import numpy as np
@@ -27,6 +28,7 @@ _NEWTON = 8  # steps: from a prediction along the tangent three or four do
 _DIFFERENCE = 1e-4  # of the span: central differences in the number err by its square
 _SHORTEST, _LONGEST = 1e-4, 0.1  # steps of the way, in magnitudes of the variables and in spans
 _STRAIGHT = 0.9  # cosine between the tangents at both ends of a step: one that bends more is cut
+_KNOWN = 2  # points beyond a fold: what the next one is predicted from
 _STEPS = 100  # of the way at most: what has not turned back by then does not
 _FLAT = 1e-6  # of a step: how well the place where the number turns is known, it to the square
 _FAILURES = np.linalg.LinAlgError, ArithmeticError, ValueError, MethodError, ProblemError
@@ -51,6 +53,7 @@ class _Way:
     """The conditions of a word over the number, laid out around one solution."""
 
     walk: Walk
+    value: float
     solution: Solution
     active: frozenset[tuple[str, float]]
     steps: int
@@ -63,7 +66,7 @@ class _Way:
         if known is None or known.steps is None:
             raise ArithmeticError
         active = limits_met(problem, now.solution, problem)
-        return cls(walk, now.solution, active, known.steps)
+        return cls(walk, now.value, now.solution, active, known.steps)
 
     def laid(self, value: float) -> WordProblem:
         """Return the problem of the word at a value; ArithmeticError where there is none."""
@@ -74,8 +77,38 @@ class _Way:
             raise ArithmeticError
         return known
 
+    @cached_property
+    def home(self) -> Conditions:
+        """The conditions at the value that the solution belongs to."""
+        return self.laid(self.value).conditions(self.steps, active=self.active)
+
+    @cached_property
+    def size(self) -> np.ndarray:
+        """Magnitudes of the variables (n,); the number is none of its own, which may be small."""
+        found, shooting = self.home.size.copy(), self.home.shooting
+        for k, name in enumerate(shooting.phased.of.parameter_names):
+            if name in self.walk.family.open:
+                found[1 + len(shooting.pairs) + k] = self.span
+        return found
+
+    @cached_property
+    def row(self) -> int | None:
+        """The place of the condition that the number is the level of, where it is in no other."""
+        ends, held = self.home.shooting.ends, self.home.multipliers(self.home.shooting.start)
+        names = [each.name for each in ends]
+        if self.walk.name not in names:
+            return None
+        row, at = names.index(self.walk.name) - len(ends), self.home.shooting.start
+        step = _DIFFERENCE * self.span
+        other = self.laid(self.value + step).conditions(self.steps, active=self.active)
+        before, after = (self._left(each, at, held) for each in (self.home, other))
+        before[row] -= step
+        return row if np.allclose(before, after, rtol=0.0, atol=_DONE * step) else None
+
     def conditions(self, value: float) -> Conditions:
-        """Return the conditions at a value."""
+        """Return the conditions at a value, but for their level."""
+        if self.row is not None:
+            return self.home
         return self.laid(value).conditions(self.steps, active=self.active)
 
     @property
@@ -84,22 +117,28 @@ class _Way:
 
     def left(self, at: np.ndarray, held: np.ndarray, value: float) -> np.ndarray:
         """Return what the conditions leave (n + m,)."""
-        conditions = self.conditions(value)
-        slope, equations, _ = conditions.values(at, held)
-        return np.concatenate([slope * conditions.size, equations])
-
-    def matrix(self, at: np.ndarray, held: np.ndarray, value: float, row: np.ndarray) -> np.ndarray:
-        """Return the slopes of conditions and of a last row (n + m + 1, n + m + 1)."""
-        conditions, step = self.conditions(value), _DIFFERENCE * self.span
-        C, H = conditions.derivatives(at, held)
-        size, n = conditions.size, at.size
-        found = np.zeros((row.size, row.size))
-        found[:n, :n], found[n:-1, :n] = H * size[:, None] * size, C * size
-        found[:n, n:-1] = found[n:-1, :n].T
-        either = (self.left(at, held, value + sign * step) for sign in (1, -1))
-        found[:-1, -1] = np.subtract(*either) / (2 * _DIFFERENCE)
-        found[-1] = row
+        found = self._left(self.conditions(value), at, held)
+        if self.row is not None:
+            found[self.row] -= value - self.value
         return found
+
+    def _left(self, conditions: Conditions, at: np.ndarray, held: np.ndarray) -> np.ndarray:
+        slope, equations, _ = conditions.values(at, held)
+        return np.concatenate([slope * self.size, equations])
+
+    def slope(self, at: np.ndarray, held: np.ndarray, value: float) -> np.ndarray:
+        """Return the slopes of the conditions in the number, in spans (n + m,)."""
+        step = _DIFFERENCE * self.span
+        above, below = (self.left(at, held, value + sign * step) for sign in (1, -1))
+        found: np.ndarray = (above - below) / (2 * _DIFFERENCE)
+        return found
+
+    def matrix(self, at: np.ndarray, held: np.ndarray, value: float) -> np.ndarray:
+        """Return the slopes of the conditions in variables and multipliers (n + m, n + m)."""
+        C, H = self.conditions(value).derivatives(at, held)
+        C = C * self.size
+        none = np.zeros((held.size, held.size))
+        return np.block([[H * self.size[:, None] * self.size, C.T], [C, none]])
 
     def begun(self, value: float, toward: float) -> _Place:
         """Return where the way begins, its tangent in the direction of a change of the number."""
@@ -116,19 +155,20 @@ class _Way:
         """
         moved, n = step * here.tangent, here.at.size
         row = np.concatenate([here.tangent[:n] / n, np.zeros(here.held.size), here.tangent[-1:]])
-        at = here.at + moved[:n] * self.conditions(here.value).size
+        at = here.at + moved[:n] * self.size
         return self.corrected(at, here.held + moved[n:-1], here.value + moved[-1] * self.span, row)
 
     def corrected(self, at: np.ndarray, held: np.ndarray, value: float, row: np.ndarray) -> _Place:
         """Solve for conditions and a last row by Newton; ArithmeticError where it does not
         settle.
         """
-        n, size = at.size, self.conditions(value).size
+        n = at.size
+        slope = self.slope(at, held, value)[:, None]
         for _ in range(_NEWTON):
-            matrix = self.matrix(at, held, value, row)
+            matrix = np.vstack([np.hstack([self.matrix(at, held, value), slope]), row])
             given = np.append(self.left(at, held, value), 0.0)
             moved, tangent = _solved(matrix, np.column_stack([-given, np.eye(row.size)[-1]])).T
-            at, held = at + moved[:n] * size, held + moved[n:-1]
+            at, held = at + moved[:n] * self.size, held + moved[n:-1]
             value += float(moved[-1]) * self.span
             if np.abs(np.delete(moved, np.s_[n:-1])).max() <= _DONE:
                 return _Place(at, held, value, tangent / _length(tangent, n))
@@ -161,10 +201,10 @@ def _length(tangent: np.ndarray, n: int) -> float:
     return float(np.hypot(np.sqrt(np.mean(tangent[:n] ** 2)), tangent[-1]))
 
 
-def rounded(walk: Walk, now: Trial, step: float) -> Trial | None:
+def rounded(walk: Walk, now: Trial, step: float) -> list[Trial]:
     """Go round the fold that a branch has on the way of a step, if there is one, until it is back
     at the value of the last point, or its word is about to end: points and event are those of the
-    walk then, which goes the other way. Returns the last of them, None where there is no fold.
+    walk then, which goes the other way. Returns the points beyond, none where there is no fold.
     """
     before, beyond, turn = list[Trial](), list[Trial](), None
     with suppress(*_FAILURES), np.errstate(all="ignore"):
@@ -174,21 +214,24 @@ def rounded(walk: Walk, now: Trial, step: float) -> Trial | None:
                 turn = way.judged(_turned(way, here, length))
             if turn is None and (there.value - now.value - step) * step > 0.0:
                 break
-            trial = way.judged(there)
+            trial: Trial | None = way.judged(there)
             last = [now, *before, *beyond][-1]
             over = (there.value - walk.span[0]) * step <= 0.0
-            if over or not trial.holds or passed(last.margins, trial.margins):
+            if over and trial is not None:  # no further than where it began
+                trial = walk.tried(walk.span[0], trial)
+            if trial is None or not trial.holds or passed(last.margins, trial.margins):
                 break
             (before if turn is None else beyond).append(trial)
-            if turn is not None and (there.value - now.value) * step <= 0.0:
+            back = turn is not None and (there.value - now.value) * step <= 0.0
+            if over or (back and len(beyond) >= _KNOWN):
                 break
     if turn is None or not beyond:
-        return None
+        return []
     walk.points += [Point(each.value, each.solution) for each in before]
     walk.events.append(_fold(walk, turn))
     walk.points += [Point(each.value, each.solution) for each in beyond]
     walk.turn()
-    return beyond[-1]
+    return beyond
 
 
 def _fold(walk: Walk, there: Trial) -> Event:

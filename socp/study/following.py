@@ -21,13 +21,11 @@ from socp.study.events import changed, minimality, passed
 from socp.study.folds import rounded
 from socp.study.monitors import margins
 from socp.study.naming import FOLD
-from socp.study.walk import SMALLEST, STEPS, Trial, Walk, apart, predicted, vanishing
+from socp.study.walk import ASTRAY, SMALLEST, STEPS, Trial, Walk, apart, predicted, vanishing
 from socp.verdict import with_second_order, with_statement
 
 _STARTS = 3  # of a census, for the first solution
 _PREDICTED = 0.01  # of the horizon: how far a prediction may be off, by which steps are chosen
-# Of the horizon: what is further from its prediction may be of another branch
-_ASTRAY = 0.05
 _TRIES = 2  # changes of word that are tried from one point before a branch is given up
 _GROWN, _CUT = 2.0, 0.25  # times the last step, at most and at least
 
@@ -123,11 +121,11 @@ def _walked(walk: Walk, steps: int) -> str:
         if trial is not None and trial.holds and guess is not None:
             off = apart(guess, trial.solution)
             step = min(abs(value - here.value) * _times(off), longest)
-            astray = off > _ASTRAY
+            astray = off > ASTRAY
         else:
             astray = trial is None
-        if astray and (turned := rounded(walk, here, value - here.value)) is not None:
-            before, here, missed = None, turned, 0
+        if astray and (turned := rounded(walk, here, value - here.value)):
+            before, here, missed = (None, *turned)[-2], turned[-1], 0
             continue
         if astray and abs(value - here.value) > _CUT**2 * longest:
             step = _CUT * abs(value - here.value)

@@ -3,7 +3,7 @@ zero where the word changes.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import final
 
@@ -192,16 +192,20 @@ def _constraints(problem: Problem, solution: Solution) -> Iterator[tuple[Clue, M
 
 
 def _multipliers(solution: Solution) -> Iterator[tuple[Clue, Margin]]:
-    """Yield the least density of the multiplier along every arc on a state constraint."""
+    """Yield the lowest dip of the multiplier's density along every arc on a state constraint, and
+    its values where the arc begins and ends.
+    """
     for k, arc in enumerate(solution.arcs):
         for name in {mode.constraint for mode in arc.modes} - {None}:
             density = arc.multipliers.get(str(name))
-            if density is not None and np.isfinite(density).any():
-                at, size = int(np.nanargmin(density)), float(np.nanmax(np.abs(density))) or 1.0
-                yield (
-                    Clue("multiplier", str(name), k),
-                    Margin(float(density[at]) / size, float(arc.t[at])),
-                )
+            if density is not None and np.isfinite(density).all():
+                along = replace(arc, costate=density[None] / (float(np.abs(density).max()) or 1.0))
+                yield from _clues("multiplier", str(name), k, [along], _density, (True, True))
+
+
+def _density(arc: Arc, t: np.ndarray) -> np.ndarray:
+    row: np.ndarray = arc.at(t, "costate")[0]
+    return row
 
 
 def _runs(solution: Solution, control: int) -> Iterator[tuple[str, list[Arc]]]:

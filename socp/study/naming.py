@@ -12,7 +12,7 @@ _KINDS = {  # going forth, and coming back
     "multiplier": ("constraint left", "constraint touched"),
 }
 MINIMUM = "minimum lost", "minimum gained"
-FOLD = "fold"
+FOLD, MET = "fold", "switches meet"
 # an arc loses its length, and has it again at the other bound
 TURNED = "bound changes"
 
@@ -30,7 +30,7 @@ def named(solution: Solution, clue: Clue, *, back: bool) -> tuple[str, str]:
         entered = {i for i, m in enumerate(arcs[k - 1].modes) if m != here[i]}
         left = {i for i, m in enumerate(arcs[k + 1].modes) if m != here[i]}
         if not entered & left:
-            return "switches meet", ", ".join(names[i] for i in sorted(entered | left))
+            return MET, ", ".join(names[i] for i in sorted(entered | left))
     beside = arcs[k - 1].modes if k else arcs[min(1, len(arcs) - 1)].modes
     changed = [i for i, mode in enumerate(here) if mode != beside[i]] or list(range(len(names)))
     return called, ", ".join(names[i] for i in changed)

@@ -19,6 +19,8 @@ STEPS = 20  # points that a branch has at least: enough to draw it
 SMALLEST = 1e-3
 EVENT = 1e-8  # of the span: nearer to its end than this a branch has reached it
 ZERO = 1e-9  # of its size: a figure that is no further from zero may be on either side of it
+# Of the horizon: times further from those expected may be of another branch
+ASTRAY = 0.05
 _KEPT = 0.2  # of its length: what a prediction leaves of an arc
 
 
