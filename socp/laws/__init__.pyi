@@ -21,4 +21,5 @@ from .probes import admissible as admissible
 from .probes import evaluator as evaluator
 from .probes import note_points as note_points
 from .probes import noted_points as noted_points
+from .setting import at_length as at_length
 from .setting import tower as tower

@@ -10,7 +10,7 @@ import casadi
 
 from socp.errors import MethodError
 from socp.laws.principle import ArcPrinciple, arc, extremal_arc, setting_of
-from socp.laws.setting import Setting, contact, homogeneous, tower
+from socp.laws.setting import Setting, contact, homogeneous, length_fixed, tower
 from socp.model import Constraint, Expr, Mode, Modes, Problem, column, of_motion, once
 
 
@@ -126,7 +126,7 @@ def _shared(problem: Problem, modes: Modes) -> ArcPrinciple | None:
 def _costate_entry(problem: Problem, principle: ArcPrinciple) -> tuple[Expr, ...]:
     conditions = casadi.vertsplit(principle.conditions)
     if homogeneous(problem):
-        conditions.append(casadi.sumsqr(problem.costate) - 1)
+        conditions.append(length_fixed(problem))
     return tuple(conditions)
 
 

@@ -22,7 +22,7 @@ from socp.laws.brackets import (
     hamiltonian_value,
     switching_row,
 )
-from socp.model import Constraint, Expr, Problem, column, of_motion, once
+from socp.model import Constraint, Expr, Problem, column, numbers, of_motion, once
 
 DEEPEST = 12  # total derivatives tried before an order is called infinite
 
@@ -263,10 +263,7 @@ def equations(setting: Setting, touch: Contact, rows: Sequence[Expr]) -> Expr:
     stack = casadi.vertcat(*rows, *setting.energy)
     found = casadi.vertcat(casadi.mtimes(stack, extended_costate(problem)), touch.held)
     if homogeneous(problem):
-        size = probes.spread(problem)[1 + problem.x.numel() + problem.p.numel() :][
-            : problem.x.numel()
-        ]
-        found = casadi.vertcat(found, casadi.sumsqr(problem.costate / size) - 1)
+        found = casadi.vertcat(found, length_fixed(problem))
     return found
 
 
@@ -275,6 +272,40 @@ def homogeneous(problem: Problem) -> bool:
     length only.
     """
     return not casadi.sparsify(problem.lagrangian).nnz() and not hamiltonian_value(problem)
+
+
+@of_motion
+@once
+def length_fixed(problem: Problem) -> Expr:
+    """Return what vanishes where a costate that is known up to its length only has the one that it
+    is given.
+
+    Where nothing but the Mayer term phi depends on a state x_j, and on x_j with a constant slope,
+    lambda_j is that slope all along (Bryson, Ho, Applied Optimal Control, 1975, 2.4): a cost that
+    is written as a state counts as a running cost does. Elsewhere the squares of the costates over
+    their spreads sum up to one.
+    """
+    along = casadi.vertcat(problem.rate, *(c.expression for c in problem.constraints))
+    ends = (c.expression for c in problem.conditions)
+    fixed = casadi.vertcat(along, *ends)
+    slopes = casadi.simplify(casadi.jacobian(problem.mayer, problem.x))
+    for j, box in enumerate(problem.end_box.T):
+        known = slopes[j].is_constant() and float(slopes[j]) and not np.isfinite(box).any()
+        if known and not casadi.depends_on(fixed, problem.x[j]):
+            return problem.costate[j] - float(slopes[j])
+    sizes = probes.spread(problem)[1 + problem.x.numel() + problem.p.numel() :]
+    return casadi.sumsqr(problem.costate / sizes[: problem.x.numel()]) - 1
+
+
+def at_length(problem: Problem, costate: np.ndarray) -> np.ndarray:
+    """Return costates (nx, n) multiplied so that the first ones have the length that laws give
+    them; as they are where that is not left open.
+    """
+    row = length_fixed(problem)
+    if not homogeneous(problem) or casadi.jacobian(row, problem.costate).is_constant():
+        return costate
+    (square,) = numbers(casadi.Function("square", [problem.costate], [row + 1]), costate[:, 0])
+    return costate / np.sqrt(square) if 0.0 < square < np.inf else costate
 
 
 def common_factor(row: Expr) -> tuple[Expr, Expr]:

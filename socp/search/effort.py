@@ -1,5 +1,6 @@
 """A search over words: what it has tried, the best it has found, and the work that it may do."""
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import final
 
@@ -102,6 +103,14 @@ class Search:
         if value is None or not source.lawful:
             return value is not None
         return not source.objective < value - _BETTER * abs(value)
+
+    def solve(self, now: Candidate, solution: Solution) -> None:
+        """Note that a candidate was solved: no start that is no better than its own, and none than
+        what it came to, is worth another solve of its word.
+        """
+        start = now.source.objective if now.source.lawful else math.inf
+        known = self.solved.get(now.key, math.inf)
+        self.solved[now.key] = min(solution.objective, start, known)
 
     def keep(self, solution: Solution) -> None:
         """Keep a judged word if it is the best; `other` remains the best of those that are not

@@ -2,7 +2,6 @@
 judging and mending.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -95,7 +94,7 @@ def try_words(
                 near = substitutes(problem, now) if solution is None else collapsed(now, solution)
                 queue += [(0.2 + 1e-3 * k, each) for k, each in enumerate(near)]
             continue
-        search.solved[now.key] = min(solution.objective, search.solved.get(now.key, math.inf))
+        search.solve(now, solution)
         search.keep(solution)
         residual = _residual(solution)
         queue += [

@@ -10,6 +10,7 @@ import casadi
 import numpy as np
 
 from socp.errors import MethodError
+from socp.laws import at_length
 from socp.model import Arc, Effort, Expr, Problem, Solution, numbers, of_motion, time
 from socp.solvers import NLPPoint
 from socp.transcription.mesh import Table
@@ -92,7 +93,7 @@ def push(layout: Layout, guess: Solution) -> NLPPoint:
         X.append(x[:, : None if k == count - 1 else -1])
         V.append(free.T.ravel())
         at = corners[k] + (corners[k + 1] - corners[k]) * layout.tables[k].tau
-        Y.append(_carried(source, layout.phased.phases[k], at))
+        Y.append(_carried(problem, source, layout.phased.phases[k], at))
         Z.append(_binaries(layout.phased.phases[k], source, corners[k : k + 2]))
     p = [guess.parameters.get(name, 0.0) for name in problem.parameter_names]
     return NLPPoint(
@@ -110,15 +111,13 @@ def _binaries(phase: Phase, source: Arc | Solution, span: np.ndarray) -> np.ndar
     return phase.choice.values(source.modes)
 
 
-def _carried(source: Arc | Solution, phase: Phase, t: np.ndarray) -> np.ndarray:
-    """Return guessed costates (nx * n,) at times t (n,) where a phase carries them, 1 where the
-    guess knows none.
+def _carried(problem: Problem, source: Arc | Solution, phase: Phase, t: np.ndarray) -> np.ndarray:
+    """Return guessed costates (nx * n,) at times t (n,) where a phase carries them, of the length
+    that its law gives them; 1 where the guess knows none.
     """
-    return (
-        np.nan_to_num(source.at(t, "costate"), nan=1.0).T.ravel()
-        if phase.carried.numel()
-        else np.empty(0)
-    )
+    if not phase.carried.numel():
+        return np.empty(0)
+    return at_length(problem, np.nan_to_num(source.at(t, "costate"), nan=1.0)).T.ravel()
 
 
 def _sampled(

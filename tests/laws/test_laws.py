@@ -24,6 +24,7 @@ from socp.laws.algebra import cramer, determinant, primitive, ratio
 from socp.laws.brackets import extended_costate, flow, hamiltonian_value, switching_row
 from socp.laws.given import check_laws
 from socp.laws.principle import ArcPrinciple
+from socp.laws.probes import spread
 from socp.laws.setting import homogeneous
 from socp.laws.simplify import simplified
 from socp.model.problem import Problem
@@ -321,13 +322,36 @@ def test_known_hamiltonian_closes_what_the_conditions_leave_open() -> None:
     assert not laws.arc_law(own, modes("s")).costate
 
 
-def test_costate_is_normed_where_only_its_direction_matters() -> None:
-    own = problem(minimise=w, dynamics={x: y + z**2, y: z, z: u, w: x**2 / 2})
+def test_costate_has_the_price_of_a_cost_that_is_written_as_a_state() -> None:
+    rates = {x: y + z**2, y: z, z: u, w: x**2 / 2}
+    own = problem(minimise=2 * w + 3, dynamics=rates)
     assert homogeneous(own)
     law = laws.arc_law(own, modes("s"))
     assert law.costate
-    assert same(own, law.costate_entry[-1], casadi.sumsqr(own.costate) - 1)
+    assert same(own, law.costate_entry[-1], own.costate[3] - 2)
+    found = np.array([[4.0], [3.0], [2.0], [1.0]])
+    assert (laws.at_length(own, found) == found).all()
     assert not homogeneous(problem(**CUSP))
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"dynamics": {x: y + z**2, y: z, z: u, w: x**2 / 2 - w / 10}},  # it enters its own rate
+        {"end": {w: (None, 5)}},  # its end may bind
+        {"bounds": {u: (-1, 1), w: (None, 5)}},  # so may a limit along the way
+        {"target": {"sum": w + x <= 5}},
+        {"minimise": w**2},  # its slope is not known beforehand
+    ],
+)
+def test_costate_is_of_length_one_where_no_price_is_known(more: dict[str, Any]) -> None:
+    own = problem(**{"minimise": w, "dynamics": {x: y + z**2, y: z, z: u, w: x**2 / 2}, **more})
+    assert homogeneous(own)
+    sizes = spread(own)[5:9]
+    squares = casadi.sumsqr(own.costate / sizes)
+    assert same(own, laws.arc_law(own, modes("s")).costate_entry[-1], squares - 1)
+    found = laws.at_length(own, 7.0 * np.outer(sizes, [1.0, 2.0]))
+    assert np.allclose(found, np.outer(sizes, [0.5, 1.0]))
 
 
 # -- several controls

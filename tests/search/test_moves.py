@@ -73,3 +73,13 @@ def test_a_word_is_tried_again_from_a_better_solution_of_another_alone() -> None
     assert search.known(replace(now, source=replace(along, objective=3.0)))
     assert search.known(replace(now, source=replace(along, objective=np.nan)))
     assert not search.known(word(DOWN, UP, edges=(0, 5, 10)))
+
+
+def test_a_word_is_not_tried_again_from_a_start_that_has_led_nowhere_better() -> None:
+    search = Search()
+    arc = replace(guess.arcs[0], modes=(UP,))
+    along = replace(guess, arcs=(arc,), objective=2.0)
+    now = word(UP, DOWN, edges=(0, 5, 10))
+    search.solve(replace(now, source=along), replace(guess, objective=3.0))
+    assert search.known(replace(now, source=along))
+    assert not search.known(replace(now, source=replace(along, objective=1.0)))
