@@ -12,7 +12,18 @@ import numpy as np
 from socp.errors import MethodError
 from socp.laws import probes
 from socp.laws.setting import tower
-from socp.model import Constraint, Kind, Mode, Modes, Problem, Word, column, of_motion, once
+from socp.model import (
+    Constraint,
+    Kind,
+    Mode,
+    Modes,
+    Problem,
+    Solution,
+    Word,
+    column,
+    of_motion,
+    once,
+)
 
 _SIGNS: dict[Kind | None, int] = {"lower": -1, "upper": 1}  # of the bounds that a control goes to
 
@@ -106,37 +117,65 @@ def _push(problem: Problem, constraint: Constraint, i: int) -> tuple[int, int]:
     """Return the order q of a constraint and the sign with which control i enters c^(q), 0 where it
     is not one.
     """
-    held, top = tower(problem, constraint)
+    held, _ = tower(problem, constraint)
     at = probes.points_on(problem, column(held))
-    slopes = probes.evaluator(problem, casadi.jacobian(top, problem.u[i]))(at)[0].ravel()
+    return len(held), _sign(problem, constraint, i, at)
+
+
+def _sign(problem: Problem, constraint: Constraint, i: int, at: np.ndarray) -> int:
+    """Return the sign with which control i enters c^(q) at all points (nv, n), 0 where it is not
+    one.
+    """
+    slope = casadi.jacobian(tower(problem, constraint)[1], problem.u[i])
+    slopes = probes.evaluator(problem, slope)(at)[0].ravel()
     alike = slopes.size and slopes.min() * slopes.max() > 0
-    return len(held), int(np.sign(slopes[0])) if alike else 0
+    return int(np.sign(slopes[0])) if alike else 0
 
 
-def tangential_joints(problem: Problem, word: Word) -> frozenset[Tie]:
+def tangential_joints(problem: Problem, word: Word, near: Solution | None = None) -> frozenset[Tie]:
     """Return the joints of a word at which the law of a boundary arc has to have the value of the
     bound that its control goes to, or comes from.
 
     A bang that drives c up, after an arc along c = 0, would violate it, were the law not at that
     bound where it is left: c^(q) <= 0 is needed of what follows, and the box keeps the law from
     going further. Before an arc (-1)^q c^(q) <= 0 is needed likewise. Where another control that
-    acts on the constraint changes as well at that time nothing follows.
+    acts on the constraint changes as well at that time nothing follows. Which bound drives c up may
+    depend on the states: then those at the joint tell it in a guess or solution that is `near`, one
+    with the arcs of the word.
     """
+    arcs = name_constraints(problem, word).arcs
+    known = near if near is not None and len(near.arcs) == len(arcs) else None
     return frozenset(
         Tie(arc, i, end)
-        for k, (one, other) in enumerate(pairwise(name_constraints(problem, word).arcs))
+        for k, (one, other) in enumerate(pairwise(arcs))
         for arc, end, modes, beside in ((k, -1, one, other), (k + 1, 0, other, one))
         for i, mode in enumerate(modes)
-        if mode.kind == "boundary" and _tangential(problem, i, (modes, beside), end)
+        if mode.kind == "boundary"
+        and _tangential(problem, i, (modes, beside), end, _joint(problem, known, k))
     )
 
 
-def _tangential(problem: Problem, i: int, modes: tuple[Modes, Modes], end: int) -> bool:
+def _joint(problem: Problem, near: Solution | None, k: int) -> np.ndarray:
+    """Return the point (nv, 1) where arc k of a solution ends, without costates and controls; none,
+    (nv, 0), without a solution.
+    """
+    if near is None:
+        return np.empty((0, 0))
+    arc, rest = near.arcs[k], np.zeros(problem.x.numel() + problem.u.numel())
+    p = [near.parameters.get(name, 0.0) for name in problem.parameter_names]
+    return np.concatenate([arc.t[-1:], arc.x[:, -1], p, rest])[:, None]
+
+
+def _tangential(
+    problem: Problem, i: int, modes: tuple[Modes, Modes], end: int, joint: np.ndarray
+) -> bool:
     own, beside = modes
     constraint = constraint_of(problem, i, own[i])
     if beside[i].kind not in _SIGNS or any(mode.constraint == constraint.name for mode in beside):
         return False
     order, push = _push(problem, constraint, i)
+    if not push and joint.size:
+        push = _sign(problem, constraint, i, joint)
     towards = push * _SIGNS[beside[i].kind] * (1 if end else (-1) ** order)
     changed = (j for j, mode in enumerate(own) if j != i and mode != beside[j])
     return towards > 0 and not any(

@@ -32,6 +32,6 @@ def follow_word(
 
     solution = solve(follower)
     stopped = {Stop.INFEASIBLE, Stop.FAILED, Stop.LIMIT}
-    if solution.stop in stopped and tangential_joints(problem, word):
+    if solution.stop in stopped and tangential_joints(problem, word, guess):
         return solve(replace(follower, loose=True)).after(solution)
     return solution

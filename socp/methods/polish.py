@@ -62,5 +62,5 @@ def limits_met(
 
     Raises MethodError where a law of the word cannot be had.
     """
-    phased = replace(follow(problem, solution.followed), of=origin)
+    phased = replace(follow(problem, solution.followed, solution), of=origin)
     return frozenset((row.name, row.sign) for row in Shooting(phased, solution, 1).ends if row.sign)

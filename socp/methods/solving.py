@@ -60,7 +60,7 @@ class Follower:
         had.
         """
         length = (self.dwell, math.inf)
-        phased = follow(problem, word, loose=self.loose)
+        phased = follow(problem, word, guess, loose=self.loose)
         phased = phased.with_phases(boxed=self.boxed, length=length)
         if self.dwell:  # a part of an arc may be shorter
             return self._solved(phased, guess, watch)

@@ -10,7 +10,19 @@ import numpy as np
 
 from socp import laws
 from socp.errors import MethodError
-from socp.model import Expr, Mode, Modes, Problem, Word, cached, column, of_motion, once, time
+from socp.model import (
+    Expr,
+    Mode,
+    Modes,
+    Problem,
+    Solution,
+    Word,
+    cached,
+    column,
+    of_motion,
+    once,
+    time,
+)
 from socp.transcription.kinks import decided
 
 _ROUNDING = 1e-12  # of the start's values: what an entry condition leaves there that they meet
@@ -141,18 +153,21 @@ def single_phase(problem: Problem, phases: int = 1) -> PhasedProblem:
     return follow(problem, free)
 
 
-def follow(problem: Problem, word: Word, *, loose: bool = False) -> PhasedProblem:
+def follow(
+    problem: Problem, word: Word, near: Solution | None = None, *, loose: bool = False
+) -> PhasedProblem:
     """Return the problem on the arcs of a word: bounds and laws in place of the controls, free
     lengths.
 
     Unless it is `loose`, the law of a boundary arc is at its control's bound where the arc cannot
-    be met or left otherwise. Raises MethodError where a law is asked for that the problem does not
+    be met or left otherwise, as far as the problem tells, or a guess or solution that is `near` and
+    has the arcs of the word. Raises MethodError where a law is asked for that the problem does not
     have.
     """
     phases: list[Phase] = []
     for modes in laws.name_constraints(problem, word).arcs:
         phases.append(_phase(problem, modes, phases[-1].kept if phases else frozenset()))
-    for tie in () if loose else laws.tangential_joints(problem, word):
+    for tie in () if loose else laws.tangential_joints(problem, word, near):
         phases[tie.arc] = _tied(problem, phases, tie)
     phases[0] = replace(
         phases[0], entry=tuple(each for each in phases[0].entry if not _met(problem, each))

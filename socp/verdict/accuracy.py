@@ -192,7 +192,7 @@ def _arrays(arc: Arc) -> list[np.ndarray]:
 
 def _laid(problem: Problem, solution: Solution, points: int) -> WordProblem | None:
     try:
-        phased = follow(problem, solution.followed)
+        phased = follow(problem, solution.followed, solution)
     except MethodError:
         return None
     if (

@@ -10,7 +10,7 @@ from casadi import exp, pi, sin
 
 from socp import Problem, Solution, Word, controls, default_guess, final_time, states
 from socp.laws import Tie, tangential_joints
-from socp.methods import Follower, follow_word, guess_along, scouts
+from socp.methods import Follower, follow_word, guess_along, guess_of, scouts, split
 from socp.model import time
 from socp.verdict import judge
 
@@ -66,6 +66,18 @@ BOTH = Problem(
 )
 
 
+# the same of the level's square, which the inflow drives up where the level is positive alone
+SQUARE = Problem(
+    name="square",
+    running=-x,
+    dynamics={x: u - time / 2},
+    bounds={u: (0, 1)},
+    path={"limit": x**2 <= 1},
+    start={x: 0.5},
+    final_time=3,
+)
+
+
 def along(problem: Problem, text: str) -> Solution:
     word = Word.parse(text, problem.control_names)
     start = guess_along(problem, scouts(problem, default_guess(problem), 1)[0], word)
@@ -96,8 +108,23 @@ def test_a_bang_towards_a_constraint_needs_the_law_at_its_bound(
     assert ties(problem, word) == wanted
 
 
-def test_an_arc_ends_where_its_law_reaches_the_bound_that_the_control_stays_at() -> None:
-    found = along(LEAK, "+ b +")
+@pytest.mark.parametrize(("level", "wanted"), [(0.9, {Tie(1, 0, -1)}), (-0.9, {Tie(1, 0, 0)})])
+def test_the_states_at_a_joint_tell_which_bang_goes_towards_a_constraint(
+    level: float, wanted: set[Tie]
+) -> None:
+    assert ties(SQUARE, "+ b[limit] +") == set()
+    t = np.linspace(0, 3, 7)
+    near = split(guess_of(SQUARE, t, np.full((1, 7), level), np.ones((1, 7))), [1, 1, 1])
+    word = Word.parse("+ b[limit] +", SQUARE.control_names)
+    assert tangential_joints(SQUARE, word, near) == wanted
+    assert tangential_joints(SQUARE, word, split(near, [1, 1])) == set()
+
+
+@pytest.mark.parametrize("leak", [LEAK, SQUARE])
+def test_an_arc_ends_where_its_law_reaches_the_bound_that_the_control_stays_at(
+    leak: Problem,
+) -> None:
+    found = along(leak, "+ b +")
     assert found.extremal
     assert found.switches == pytest.approx([2 - math.sqrt(2), 2], abs=1e-9)
     # 1/2 + t - t^2/4 up to the limit, 1 along it, t - t^2/4 after it

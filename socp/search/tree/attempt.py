@@ -43,7 +43,7 @@ class Coarse:
         such programme.
         """
         try:
-            phased = follow(self.problem, Word(self.problem.control_names, now.arcs))
+            phased = follow(self.problem, Word(self.problem.control_names, now.arcs), now.guess())
             return kept_in_box(
                 self.problem,
                 lambda boxed: self._solved(phased.with_phases(boxed=boxed), now, watch),
