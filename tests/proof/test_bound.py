@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
-from math import isnan
+from math import inf, isnan
 from typing import Any
 
 import numpy as np
@@ -306,7 +306,7 @@ def test_minimum_time_under_a_speed_limit() -> None:
 @pytest.mark.parametrize(
     ("problem", "reason"),
     [
-        (REST.with_(final_time=(0.1, None), minimise=x), "horizon is free"),
+        (REST.with_(final_time=(0.1, None), minimise=final_time**2), "not linear in it"),
         (REST.with_(dynamics={x: u + parameters("p")}), "parameters"),
         (REST.with_(start={x: (None, None)}), "start of 'x' is not given"),
         (REST.with_(dynamics={x: u * abs(x)}), "fabs"),
@@ -362,4 +362,4 @@ def test_no_programme_is_begun_that_there_is_no_time_for() -> None:
     blocks = Blocks(Demand("", region, {}, []), ["one"], [[(k,) for k in range(100)]], [], None)
     assert expense([blocks]) == pytest.approx(0.2 + 1.2e-8 * 5050**3 / 3)
     with pytest.raises(LateError, match="no time for a programme of 515 s"):
-        Clock(100.0).solved(np.zeros(1), [blocks], None)
+        Clock(100.0).solved(np.zeros(1), [blocks], inf)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from math import inf
 from typing import final
 
 import numpy as np
@@ -51,13 +52,10 @@ class Ansatz:
             found.append(value)
         return found
 
-    def flow(self, vertex: Sequence[Fraction]) -> list[Polynomial]:
-        """Return the derivatives of the monomials along the motion under a constant control."""
+    def flow(self, rates: Sequence[Polynomial]) -> list[Polynomial]:
+        """Return the derivatives of the monomials along a motion with the rates of variables."""
         lift, region = self.region.lift, self.region
-        field = [
-            region.scaled(at_vertex(lift, rate, vertex)) / rational(region.radius(k))
-            for k, rate in enumerate(lift.rates)
-        ]
+        field = [region.scaled(each) / rational(region.radius(k)) for k, each in enumerate(rates)]
         found = []
         for each in self.monomials:
             total = lift.zero
@@ -76,19 +74,64 @@ def at_vertex(lift: Lift, given: Polynomial, vertex: Sequence[Fraction]) -> Poly
 
 
 def decrease(
-    ansatz: Ansatz, running: Polynomial, vertices: Sequence[Sequence[Fraction]]
+    ansatz: Ansatz,
+    running: Polynomial,
+    vertices: Sequence[Sequence[Fraction]],
+    margin: Fraction = Fraction(0),
 ) -> Iterator[Demand]:
-    """Yield the inequality running + dV/dt >= 0 at every vertex of the box of controls."""
-    region, lift = ansatz.region, ansatz.region.lift
-    for vertex in vertices:
-        cost = region.scaled(at_vertex(lift, running, vertex))
-        parts = ansatz.flow(vertex)
-        full(lift, region, [cost, *parts])
-        text = ", ".join(
-            f"{lift.names[k]} = {float(u):g}" for k, u in zip(lift.controls, vertex, strict=True)
-        )
-        tables = [table(region, each) for each in parts]
-        yield Demand(f"decrease at {text}", region, table(region, cost), tables)
+    """Yield the inequality running + dV/dt >= margin at every vertex of the box of controls, on the
+    region and where it is clipped.
+    """
+    lift = ansatz.region.lift
+    for region, rates in ansatz.region.faces():
+        for vertex in vertices:
+            cost = region.scaled(at_vertex(lift, running, vertex))
+            parts = ansatz.flow([at_vertex(lift, each, vertex) for each in rates])
+            text = ", ".join(
+                f"{lift.names[k]} = {float(u):g}"
+                for k, u in zip(lift.controls, vertex, strict=True)
+            )
+            yield _above(ansatz, f"decrease at {text}", region, (cost, parts), margin)
+
+
+def falling(ansatz: Ansatz, margin: Fraction) -> Iterator[Demand]:
+    """Yield the inequality that V falls toward the inside, by a margin over the radius of the
+    region, wherever a motion beyond clipped sides is compared with that at them.
+    """
+    region = ansatz.region
+    for j, k in region.pairs:
+        parts = ansatz.flow(region.lift.unit(j))
+        if not region.clipped[j]:
+            parts = [-each for each in parts]
+        face, zero = region.face({k: region.clipped[k]}), region.lift.zero
+        name = f"falling with {region.lift.names[j]}"
+        yield _above(ansatz, name, face, (zero, parts), margin / region.radius(j))
+
+
+def _above(
+    ansatz: Ansatz,
+    name: str,
+    region: Region,
+    sums: tuple[Polynomial, list[Polynomial]],
+    margin: Fraction,
+) -> Demand:
+    """Return the inequality constant + sum v_j parts_j >= margin, or nothing to demand where all of
+    it is zero; the parts are in coordinates of the ansatz.
+    """
+    lift, (constant, parts) = ansatz.region.lift, sums
+    if region is not ansatz.region:
+        gens = lift.ring.gens()
+        wide = [k for k in range(len(gens)) if k not in lift.controls]
+        maps = [
+            region.scaled(ansatz.region.coordinate(k)) if k in wide else gen
+            for k, gen in enumerate(gens)
+        ]
+        parts = [each.compose(*maps, ctx=lift.ring) for each in parts]
+    full(lift, region, [constant, *parts])
+    if margin and (constant != 0 or any(each != 0 for each in parts)):
+        constant -= rational(margin)
+    tables = [table(region, each) for each in parts]
+    return Demand(name, region, table(region, constant), tables, float(margin) or inf)
 
 
 def below(ansatz: Ansatz, name: str, region: Region, final: Polynomial) -> Demand:

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
+from socp.model import Problem
 from socp.proof.bound.checking import FORMAT
-from socp.proof.bound.domain import Setting
-from socp.proof.bound.lifting import fraction
+from socp.proof.bound.lifting import Lift, fraction
 from socp.proof.bound.rounding import Squares
 from socp.proof.bound.sets import Region
 from socp.proof.bound.squares import Exponents, Table
@@ -40,17 +40,17 @@ def stage(region: Region, exits: Sequence[Data], value: Data) -> Data:
     box = region.box[: region.lift.base]
     return {
         "box": [None if None in each else [str(end) for end in each] for each in box],
+        "clipped": [list(each) for each in sorted(region.clipped.items())],
         "exits": list(exits),
         "value": value,
     }
 
 
-def certificate(setting: Setting, stages: Sequence[Data]) -> Data:
+def certificate(problem: Problem, lift: Lift, stages: Sequence[Data]) -> Data:
     """Return a certificate, its bound to be filled in."""
-    lift = setting.lift
     return {
         "format": FORMAT,
-        "problem": dict(setting.problem.statement),
+        "problem": dict(problem.statement),
         "functions": [[name, _polynomial(of)] for name, _, of in lift.functions],
         "stages": list(stages),
         "bound": None,

@@ -7,16 +7,19 @@ from math import inf
 from typing import Any, final
 
 from socp.errors import SolveError
+from socp.proof.bound.comparing import Beyond, Sides
 from socp.proof.bound.reading import (
     Box,
     Ends,
     Model,
     Poly,
     around,
+    both,
     by,
     disc,
     image,
     monomial,
+    nonnegative,
     on_circle,
     plus,
     polynomial,
@@ -67,12 +70,9 @@ class Check:
         require(certificate["format"] == FORMAT, f"the format {FORMAT}")
         self.certificate, self.statement = certificate, certificate["problem"]
         self.model = model = Model(self.statement, certificate["functions"])
-        self.time = model.places["t"]
-        self.vertices = self._vertices()
-        self.running, self.final = (
-            model.of(self.statement["running"]),
-            model.of(self.statement["minimise"]),
-        )
+        self.time, self.vertices = model.places["t"], self._vertices()
+        self.running = model.of(self.statement["running"])
+        self.final = model.of(self.statement["minimise"])
         self.free = float(self.statement["final_time"][1]) == inf
         self.rate = _ZERO  # what the running cost is at least, where the horizon is free
         if self.free:
@@ -80,6 +80,8 @@ class Check:
         self.path = [model.relation(k)[0] for k in self.statement["path"].values()]
         self.box: Box = []
         self.exits: dict[tuple[int, int], Any] = {}
+        self.beyond = Beyond(model, {}, [], [])
+        self.pairs: list[tuple[int, int]] = []
 
     # -- what is bounded
 
@@ -100,6 +102,7 @@ class Check:
                 require(inside, "a region in the one before")
             self.exits = {(each["variable"], each["side"]): each for each in stage["exits"]}
             self.start = self._start()
+            self._clip(dict(stage.get("clipped", ())), outer)
             for k in range(len(self.model.base)):
                 self._sides(k)
             for each in self.exits.values():
@@ -114,6 +117,16 @@ class Check:
         require(stated is None or Fraction(stated) <= found, "the bound that is stated")
         return found if stated is None else Fraction(stated)
 
+    def _clip(self, sides: Sides, outer: Box) -> None:
+        """Take in which sides are clipped: those of the region before, where there is one."""
+        for k, side in sides.items():
+            require(k != self.time and side in {0, 1}, "a clipped side")
+            its, wider = self.box[k], outer[k] if outer else self.box[k]
+            require(its is not None and wider is not None and its[side] == wider[side], "one clip")
+        require(not outer or dict(sides) == dict(self.beyond.sides), "the clips of before")
+        self.beyond = Beyond(self.model, sides, self.box, self.start)
+        self.pairs = self.beyond.require_order(self.vertices, self.running, self.final)
+
     def _left(
         self, box: Sequence[Any], given: Mapping[str, Any], floor: Poly | None
     ) -> Fraction | None:
@@ -125,8 +138,7 @@ class Check:
         face[given["variable"]] = [face[given["variable"]][given["side"]]] * 2
         after = given["after"]
         if after == "barrier":
-            require(not self.free, "a barrier within a horizon")
-            low = self._value(given, {}, self._ranges(face), {}, [])[0]
+            low = self._value(given, {}, self._ranges(face), {}, [], priced=False)[0]
             require(low > 0, "a barrier")
             return None
         if after == "nothing":
@@ -142,31 +154,40 @@ class Check:
         ends: Box,
         final: Poly,
         guards: Sequence[Poly],
+        *,
+        priced: bool = True,
     ) -> tuple[Fraction, Poly]:
         """Return what a function proves: its value at the start, less its defects, and the function
         less its defects, which is at most the cost from every point on.
+
+        `priced` where the running cost has that of time in it.
         """
         model, proofs = self.model, iter(given["proofs"])
         value = self._function(given["function"])
-        losses = [_ZERO]
-        for vertex in self.vertices:
-            rate = put(running, vertex)
-            for k in range(model.size):
-                part = slope(value, k)
-                rate = plus(rate, by(part, put(model.rates[k], vertex))) if part else rate
-            losses.append(self._shown(next(proofs), rate, self.box, self._inside()))
+        most, inside = _ZERO, self._inside()
+        for face, rates in [(self.box, model.rates), *self.beyond.faces()]:
+            box = face if face is self.box else self._ranges(face)
+            for vertex in self.vertices:
+                rate = put(running, vertex)
+                for k in range(model.size):
+                    part = slope(value, k)
+                    rate = plus(rate, by(part, put(rates[k], vertex))) if part else rate
+                most = max(most, self._shown(next(proofs), rate, box, inside))
+        for j, k in self.pairs:
+            box = self._ranges(self.beyond.face([k]))
+            falls = self._shown(next(proofs), self.beyond.outward(value, j), box, inside) <= 0
+            require(falls, f"how the function depends on {model.base[j]}")
         end = plus(final, value, -_ONE)
-        missed = self._shown(next(proofs), end, ends, [*self._inside(), *guards])
-        most, share = max(losses), _ONE
+        missed = max(_ZERO, self._shown(next(proofs), end, ends, [*inside, *guards]))
+        share = _ONE
         if not self.free:
             missed += most * (self._times()[1] - self._times()[0])
-        else:
-            require(self.rate > 0 and not self.final, "that time costs something")
+        elif most:
+            require(priced and self.rate > 0 and not self.final, "that time costs something")
             share = 1 / (1 + most / self.rate)
-        start = ranged(value, self.start)
+        start: Any = ranged(value, self.start)
         require(start is not None, "the value at the start")
-        low = (_ZERO if start is None else start[0]) - missed
-        require(not self.free or low >= 0, "a bound that is not negative")
+        low = start[0] - missed
         return low * share, plus({}, plus(value, model.number(missed), -_ONE), share)
 
     def _times(self) -> Ends:
@@ -189,7 +210,7 @@ class Check:
 
     def _shown(self, proof: Sequence[Any], p: Poly, box: Box, guards: Sequence[Poly]) -> Fraction:
         """Return how far a polynomial may be below zero on a box where all guards are at least
-        zero: what is left of it without squares times guards.
+        zero, by what is left of it without squares times guards; a constant above that is a margin.
         """
         model, circles = self.model, self.model.circles(box)
         maps, unit = {}, [_ZERO, _ZERO]
@@ -207,7 +228,8 @@ class Check:
         for s, c in circles:
             left = on_circle(left, s, c)
         require(all(not n or k in maps for e in left for k, n in enumerate(e)), "a bounded region")
-        return sum((abs(each) for each in left.values()), _ZERO)
+        margin = left.pop((0,) * model.count, _ZERO)
+        return sum((abs(each) for each in left.values()), _ZERO) - margin
 
     def _guard(self, given: Any, maps: Mapping[int, Poly], guards: Sequence[Poly]) -> Poly:
         model = self.model
@@ -236,13 +258,15 @@ class Check:
 
     def _inside(self) -> list[Poly]:
         """Return what is at least zero along every admissible trajectory."""
-        return [plus({}, each, -_ONE) for each in self.path]
+        return [plus({}, each, -_ONE) for each in self.path if not self.beyond.depends(each)]
+
+    def initial(self, k: int) -> Any:
+        """Return the interval in which a variable starts."""
+        start = self.statement["start"].get(self.model.base[k], (-inf, inf))
+        return interval(self.statement["initial_time"] if k == self.time else start)
 
     def _start(self) -> Box:
-        given: list[Any] = [
-            interval(self.statement["start"].get(name, (-inf, inf))) for name in self.model.base
-        ]
-        given[self.time] = interval(self.statement["initial_time"])
+        given = [self.initial(k) for k in range(len(self.model.base))]
         for k, its in enumerate(given):
             require(None not in its, f"a start with {self.model.base[k]}")
             bounds = self.box[k]
@@ -257,6 +281,8 @@ class Check:
         found = []
         for k in self.statement["target"].values():
             p, equal = self.model.relation(k)
+            if self.beyond.depends(p):
+                continue  # what is beyond a clipped side may end otherwise
             found.append(plus({}, p, -_ONE))
             found += [p] if equal else []
         return found
@@ -268,13 +294,21 @@ class Check:
             its = self.statement["end"].get(name, (-inf, inf))
             if k == self.time:
                 its = self.statement["final_time"]
-            found[k] = both(found[k], interval(its))
+            found[k] = both(found[k], self._clipped(k, interval(its)))
             for guard in self._target():
                 most = disc(guard, k)
                 found[k] = found[k] if most is None else both(found[k], (-most, most))
         return self._ranges(
             [None if each is None else list(each) for each in found[: len(model.base)]]
         )
+
+    def _clipped(self, k: int, its: Any) -> Any:
+        """Return the ends of an interval of a variable, none beyond its clipped side."""
+        side, bounds = self.beyond.sides.get(k), self.box[k]
+        if side is None or bounds is None:
+            return its
+        other = min if side else max
+        return tuple(None if each is None else other(each, bounds[side]) for each in its)
 
     def _sides(self, k: int) -> None:
         """Require that no admissible trajectory leaves the region through the sides of a variable,
@@ -290,7 +324,8 @@ class Check:
         low, high = interval(self.statement["bounds"].get(name, (-inf, inf)))
         for side, limit, sign in ((0, low, -1), (1, high, 1)):
             bounded = limit is not None and (limit - box[side]) * sign <= 0
-            if not bounded and (k, side) not in self.exits:
+            clipped = self.beyond.sides.get(k) == side
+            if not bounded and not clipped and (k, side) not in self.exits:
                 require(self._kept(k, side, sign), f"that {name} stays on side {side}")
 
     def _kept(self, k: int, side: int, sign: int) -> bool:
@@ -300,7 +335,7 @@ class Check:
         face = [None if each is None else list(each) for each in self.box[: len(self.model.base)]]
         box = self.box[k] or (_ZERO, _ZERO)
         outward = self._outward(k, self._ranges([*face[:k], [box[side]] * 2, *face[k + 1 :]]), sign)
-        if outward is not None and outward <= 0:
+        if (outward is not None and outward <= 0) or self._one_way(k, side, sign):
             return True
         fastest = self._outward(k, self.box, sign)
         if self.free or fastest is None:
@@ -308,6 +343,18 @@ class Check:
         length = self._times()[1] - self._times()[0]
         start = self.start[k] or (_ZERO, _ZERO)
         return (start[side] - box[side]) * sign + length * max(fastest, _ZERO) <= 0
+
+    def _one_way(self, k: int, side: int, sign: int) -> bool:
+        """Tell whether a variable, wherever the others are, only moves outward and has to end
+        inside.
+        """
+        model, box = self.model, self.box[k]
+        end = interval(self.statement["end"].get(model.base[k], (-inf, inf)))[side]
+        bounds = [interval(self.statement["bounds"].get(name, (-inf, inf))) for name in model.base]
+        everywhere = [None if None in its else list(its) for its in bounds]
+        back = self._outward(k, self._ranges(everywhere), -sign)
+        inside = box is not None and end is not None and (end - box[side]) * sign <= 0
+        return inside and back is not None and back <= 0
 
     def _outward(self, k: int, box: Box, sign: int) -> Fraction | None:
         """Return the most that a variable moves outward on a box, None where there is no most."""
@@ -351,33 +398,3 @@ class Check:
         running = nonnegative(self.statement["nodes"], self.statement["running"])
         constant = self.final.get((0,) * self.model.count, _ZERO)
         return running and len(self.final) <= (constant != 0) and constant >= 0 and self.rate >= 0
-
-
-def nonnegative(nodes: Sequence[Any], place: int | None) -> bool:
-    """Tell whether an entry is at least zero by its operations alone."""
-    if place is None:
-        return True
-    node = nodes[place]
-    if isinstance(node, (int, float)):
-        return node >= 0
-    if isinstance(node, str):
-        return False
-    if node[0] in {"sq", "exp", "fabs"}:
-        return True
-    return node[0] in {"add", "mul", "div", "twice"} and all(
-        nonnegative(nodes, k) for k in node[1:]
-    )
-
-
-def both(a: Any, b: Any) -> Ends | None:
-    """Return what two intervals have in common, None unless it has two ends."""
-    low = max(
-        (each[0] for each in (a, b) if each is not None and each[0] is not None), default=None
-    )
-    high = min(
-        (each[1] for each in (a, b) if each is not None and each[1] is not None), default=None
-    )
-    if low is None or high is None:
-        return None
-    require(low <= high, "that there are admissible ends")
-    return low, high

@@ -1,25 +1,26 @@
 """Regions and the functions on them: the subsolution of a degree, and what closes open sides."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import chain, product
+from itertools import chain
 from math import inf, isqrt
 from typing import final
 
 import numpy as np
 
 from socp.errors import LateError, SolveError
-from socp.proof.bound.ansatz import Ansatz, below, decrease, value
+from socp.proof.bound.ansatz import Ansatz, below, decrease, falling, value
 from socp.proof.bound.certificate import Data, function, proof
-from socp.proof.bound.domain import Hull, Setting, Spread, domain
-from socp.proof.bound.lifting import Limits, Polynomial, fraction, limits
+from socp.proof.bound.domain import Domain, Hull, Setting, Spread, domain
+from socp.proof.bound.lifting import Limits, Polynomial, fraction, limits, span
 from socp.proof.bound.rounding import rounded, shown
 from socp.proof.bound.sets import Region, with_ranges
 from socp.proof.bound.squares import Blocks, Demand, Solved, expense, monomials, solved
 
 _EXIT_DEGREES = (4, 6)  # of the functions that close open sides: they need not be sharp
+_BARRIER_DEGREES = (2, 3, *_EXIT_DEGREES)  # of those that nobody reaches
 _WIDE, _NARROW = 0.5, 0.25  # how far sides stand out at first, over the width
 # Of the gap that the region around this one leaves: leaving may be shown to cost less by so much
 _PART = 0.02
@@ -27,9 +28,12 @@ _HALF = 0.5  # the same where moving out further was in vain
 _WIDER = 2.0  # a side that is reached too cheaply moves out by this factor
 _LEAST = 1e-6  # of the size of a goal
 _MORE = 0.1  # over the goal, relative: leaving need not be shown to cost more
-_CLEAR = 0.01  # of a barrier, which is one at most: well above what rounding leaves
+_CLEAR = 0.01  # of the most that a barrier may be: well above what rounding leaves
 _MOVED = 1e-3  # of the goal: a side that raises its cost by less does not move on
 _ROUNDS = 8
+# Of what a function changes by in unit time: an inequality that nothing may be missing from is
+# asked for with so much over, the least that what rounding leaves stays below
+_MARGINS = (1e-6, 1e-5, 1e-4)
 _FINE = 10**12  # of a square root
 _TELLING = 0.5  # seconds: what is over sooner says little of how fast a machine is
 
@@ -46,9 +50,7 @@ class Clock:
         """Return a clock of an equal share of what is left."""
         return Clock(self() / among, self._paces)
 
-    def solved(
-        self, objective: np.ndarray, blocks: Sequence[Blocks], enough: float | None
-    ) -> Solved:
+    def solved(self, objective: np.ndarray, blocks: Sequence[Blocks], enough: float) -> Solved:
         """Return what `solved` does; SolveError where there is no time for a programme so large."""
         expected = self._paces[-1] * expense(blocks)
         if expected > self():
@@ -73,9 +75,9 @@ class Task:
     goal: float | None
 
     @property
-    def enough(self) -> float | None:
+    def enough(self) -> float:
         """What no function needs to exceed: where nobody stays in a region there is no limit."""
-        return None if self.goal is None else self.goal + max(abs(self.goal), _LEAST) * _MORE
+        return inf if self.goal is None else self.goal + max(abs(self.goal), _LEAST) * _MORE
 
 
 @final
@@ -105,55 +107,100 @@ def subsolution(
     running: Polynomial,
     ends: Demand,
     clock: Clock,
-    enough: float | None = None,
+    enough: float = inf,
 ) -> Found:
     """Return the function of an ansatz with the largest value at the start, up to what is enough,
     that satisfies the inequality of a running cost at every vertex, and the demand on ends.
     """
-    blocks = []
-    for demand in chain(decrease(ansatz, running, given.vertices), (ends,)):
-        if clock() <= 0.0:
-            raise LateError("there was no time for it")
-        blocks.append(Blocks.of(demand))
-    found = clock.solved(value(ansatz, given.start()), blocks, enough)
-    coefficients = rounded(found.coefficients)
-    proofs = [
-        proof(shown(its, coefficients, grams))
-        for its, grams in zip(blocks, found.grams, strict=True)
+    part = _speed(given, ansatz.region) * _size(given, ansatz.region)
+    for share in _MARGINS:
+        falls = Fraction(part * share)
+        exact = falls if given.exact else Fraction(0)
+        blocks = list[Blocks | None]()
+        demands = chain(decrease(ansatz, running, given.vertices, exact), falling(ansatz, falls))
+        for demand in chain(demands, (ends,)):
+            if clock() <= 0.0:
+                raise LateError("there was no time for it")
+            blocks.append(None if demand.empty else Blocks.of(demand))
+        wanted = [each for each in blocks if each is not None]
+        found = clock.solved(value(ansatz, given.start()), wanted, enough)
+        coefficients, grams = rounded(found.coefficients), iter(found.grams)
+        squares = [its and shown(its, coefficients, next(grams)) for its in blocks]
+        pairs = zip(wanted, filter(None, squares), strict=True)
+        if all(its.left < each.demand.margin for each, its in pairs):
+            proofs = [[] if its is None else proof(its) for its in squares]
+            data = {"function": function(ansatz.monomials, coefficients), "proofs": proofs}
+            return Found(found.value, ansatz.combined(coefficients), data)
+    raise SolveError("what rounding leaves of the inequalities is too much")
+
+
+def _speed(given: Setting, region: Region) -> float:
+    """Return the least part of its radius that a variable crosses in unit time."""
+    base = range(region.lift.base)
+    used = [k for k in base if region.wide(k) and region.bounded(k) and k != given.time]
+    speeds = [given.fastest(k, region.box[: len(base)]) for k in used]
+    rates = [
+        float(max(-low, high) / region.radius(k))
+        for k, (low, high) in zip(used, speeds, strict=True)
+        if low is not None and high is not None
     ]
-    data = {"function": function(ansatz.monomials, coefficients), "proofs": proofs}
-    return Found(found.value, ansatz.combined(coefficients), data)
+    return min((rate for rate in rates if rate > 0.0), default=1.0)
 
 
-def ansatz_of(given: Setting, region: Region, degree: int, *, bounded: bool = False) -> Ansatz:
-    """Return the functions of a degree: linear in what has no bounds, or without it; what enters
-    through functions alone stands in them alone.
+def _size(given: Setting, region: Region) -> float:
+    """Return half of what the final cost varies by on a region, one where that is not bounded."""
+    low, high = span(given.final, region.box)
+    return float(high - low) / 2 if low is not None and high is not None and low < high else 1.0
+
+
+def ansatz_of(given: Setting, region: Region, degree: int, exit_: int | None = None) -> Ansatz:
+    """Return the functions of a degree, or those that close a side of the variable `exit_`: linear
+    in what has no bounds, or without it; what enters through functions alone stands in them, and
+    beside them alone where the final cost is linear in it; functions that hardly vary are left out.
     """
-    lift, caps = given.lift, dict[int, int]()
-    appear, through = lift.appear(), lift.through()
+    lift, caps, alone = given.lift, dict[int, int](), set[int]()
+    steady = {k for _, k, _ in lift.functions if region.steady(k)}
+    appear, through = lift.appear(steady), lift.through()
+    final = given.final.degrees()
     for k in range(lift.base + len(lift.functions)):
-        if k == given.time and (given.free or (k in through and k not in appear)):
+        hidden = k in through and k not in appear
+        if k in steady or (k == given.time and (given.free or hidden)):
             continue
-        if region.bounded(k) and (k not in through or k in appear):
+        if hidden and final[k] <= 1:
+            caps |= {k: 1} if final[k] or k == exit_ else {}
+            alone.add(k)
+        elif region.bounded(k):
             caps[k] = degree
-        elif k < lift.base and k not in through and not bounded:
+        elif k < lift.base and exit_ is None:
             caps[k] = 1
-    return Ansatz(region, monomials(region, caps, degree))
+            alone.add(k)
+    return Ansatz(region, monomials(region, caps, degree, alone=alone))
 
 
 def ends_of(given: Setting, region: Region) -> Region:
     """Return admissible ends within a region."""
     lift, box = given.lift, list(region.box[: given.lift.base])
-    guards = [each for p, equal in lift.target for each in ((-p, p) if equal else (-p,))]
+    target = [each for each in lift.target if not lift.depends(each[0], region.clipped)]
+    guards = [each for p, equal in target for each in ((-p, p) if equal else (-p,))]
     for k in range(lift.base):
         its = given.given("end", k)
         if k == given.time:
             its = (None, None) if given.free else limits(given.problem.statement["final_time"])
-        box[k] = _both(box[k], its)
+        box[k] = _both(box[k], _clipped(region, k, its))
         for guard in guards:
             most = _disc(guard, k)
             box[k] = box[k] if most is None else _both(box[k], (-most, most))
     return Region(lift, with_ranges(lift, box), [*region.guards, *guards])
+
+
+def _clipped(region: Region, place: int, its: Limits) -> Limits:
+    """Return the interval of a variable's ends as they are seen where it is clipped."""
+    side = region.clipped.get(place)
+    if side is None:
+        return its
+    edge, other = region.box[place][side], min if side else max
+    low, high = (None if each is None or edge is None else other(each, edge) for each in its)
+    return low, high
 
 
 def _disc(guard: Polynomial, place: int) -> Fraction | None:
@@ -195,7 +242,25 @@ def closed(
     """Return a region with functions that close its open sides, which move out until leaving
     through them costs as much as the goal, or half of the time is spent.
     """
-    first, half = _NARROW if outer else _WIDE, clock.share(2)
+    half = clock.share(2)
+    for rounds in (_ROUNDS, 1):
+        region, exits = _moved(task, also, outer, half, rounds)
+        if region is not None and all(each.value > -inf for each in exits):
+            break
+    else:
+        raise SolveError("the states are not shown to stay within a region")
+    if outer and any(each.value <= outer[-1].found.value for each in exits):
+        raise SolveError("leaving a narrower region is not shown to cost more")
+    return region, exits
+
+
+def _moved(
+    task: Task, also: set[int], outer: Sequence[Stage], clock: Clock, rounds: int
+) -> tuple[Region | None, list[Found]]:
+    """Return a region with functions that close its open sides, as far as they do, which moved out
+    as long as that is worth it and there is time; the share of one of some rounds for a barrier.
+    """
+    first = _NARROW if outer else _WIDE
     # what the region around this one leaves open; without one, leaving has to cost the goal
     gap = 0.0 if task.goal is None or not outer else task.goal - outer[-1].found.value
     widening, known = dict[tuple[int, int], float](), dict[tuple[int, int], float]()
@@ -205,62 +270,74 @@ def closed(
         last, cheap = cheap, []
         found = domain(task.setting, task.hull, widening, first, also)
         try:
-            its = [_exit(task, found.region, side, outer, half) for side in found.exits]
+            its = [_exit(task, found, side, outer, (clock, rounds)) for side in found.exits]
         except (SolveError, LateError):
             if region is None:
                 raise
             break  # the last sides are as good as there was time for
         region, exits = found.region, its
         for side, each in zip(found.exits, exits, strict=True):
-            if task.goal is not None and each.value < task.goal - _PART * gap:
+            goal = each.value if task.goal is None else task.goal
+            if each.value == -inf or each.value < goal - _PART * gap:
                 vain = side in last and each.value - known[side] <= _MOVED * gap
-                enough = each.value >= task.goal - _HALF * gap
+                enough = each.value >= goal - _HALF * gap
                 cheap += [] if vain and enough else [side]
             known[side] = each.value
         if not cheap:
             break
         widening |= {each: widening.get(each, first) * _WIDER for each in cheap}
-    if region is None or any(each.value == -inf for each in exits):
-        raise SolveError("the states are not shown to stay within a region")
-    if outer and any(each.value <= outer[-1].found.value for each in exits):
-        raise SolveError("leaving a narrower region is not shown to cost more")
     return region, exits
 
 
+def _tries(
+    task: Task, region: Region, outer: Sequence[Stage]
+) -> Iterator[tuple[str, int, Polynomial, Polynomial, float]]:
+    """Yield what may close a side: its kind, degree, running cost, what it is at most at the side,
+    and what is enough at the start.
+    """
+    running, zero = task.setting.running, region.lift.zero
+    if outer:
+        for each in _EXIT_DEGREES:
+            yield "outer", each, running, outer[-1].found.function, task.enough
+    if task.setting.nothing_after:
+        for each in _EXIT_DEGREES:
+            yield "nothing", each, running, zero, task.enough
+    elif not outer:
+        for each in _BARRIER_DEGREES:
+            yield "barrier", each, zero, zero, _size(task.setting, region)
+
+
 def _exit(
-    task: Task, region: Region, side: tuple[int, int], outer: Sequence[Stage], clock: Clock
+    task: Task,
+    within: Domain,
+    side: tuple[int, int],
+    outer: Sequence[Stage],
+    times: tuple[Clock, int],
 ) -> Found:
     """Return a function that is at most the cost to go where an open side is left: nothing, or what
-    the region around this one says.
+    the region around this one says; or a barrier, in a share of the time.
     """
-    lift, (place, end) = region.lift, side
-    box = list(region.box[: lift.base])
-    box[place] = (box[place][end],) * 2
-    face = Region(lift, with_ranges(lift, box), region.guards)
-    running, zero = task.setting.running, lift.zero
-    tries: list[tuple[str, Polynomial, Polynomial, float | None]] = []
-    if outer:
-        tries.append(("outer", running, outer[-1].found.function, task.enough))
-    if task.setting.nothing_after:
-        tries.append(("nothing", running, zero, task.enough))
-    elif not outer:
-        tries.append(("barrier", zero, zero, 1.0))
+    region, lift, (place, end) = within.region, within.region.lift, side
+    face = region.face({place: end})
     best: Found | None = None
     reason: Exception = SolveError(f"nothing is known of who leaves '{lift.names[place]}'")
-    for (kind, cost, floor, enough), degree in product(tries, _EXIT_DEGREES):
+    for kind, degree, cost, floor, enough in _tries(task, region, outer):
+        clock = times[0].share(times[1]) if kind == "barrier" else times[0]
         try:
-            ansatz = ansatz_of(task.setting, region, degree, bounded=True)
+            ansatz = ansatz_of(task.setting, region, degree, place)
             ends = below(ansatz, "exit", face, floor)
             its = subsolution(task.setting, ansatz, cost, ends, clock, enough)
         except (SolveError, LateError) as error:
             reason = error
             continue
         if kind == "barrier":  # nobody gets there, or nothing is shown
-            its = replace(its, value=inf if its.value > _CLEAR else -inf)
+            its = replace(its, value=inf if its.value > _CLEAR * enough else -inf)
         if best is None or its.value > best.value:
             best = replace(its, data={**its.data, "variable": place, "side": end, "after": kind})
-        if task.goal is None or best.value >= task.goal:
+        if best.value > -inf and (task.goal is None or best.value >= task.goal):
             break
+    if best is None and isinstance(reason, LateError) and times[1] > 1:
+        return Found(-inf, lift.zero, {})  # there may be a barrier further out that takes less time
     if best is None:
         raise reason
     return best

@@ -10,8 +10,9 @@ from typing import Any, final
 from socp.errors import SolveError
 from socp.model import Problem
 from socp.proof.bound.ansatz import at_vertex
-from socp.proof.bound.checking import nonnegative
-from socp.proof.bound.lifting import Lift, Limits, Polynomial, lifted, limits, span
+from socp.proof.bound.clipping import Pairs, clips
+from socp.proof.bound.lifting import Lift, Limits, Polynomial, fraction, lifted, limits, span
+from socp.proof.bound.reading import nonnegative
 from socp.proof.bound.sets import Region, with_ranges
 
 Hull = Mapping[str, tuple[float, float]]
@@ -20,6 +21,7 @@ Spread = Hull  # where the states of a solution are, which need not be all
 _NOWHERE: Limits = (None, None)
 # How far out a side is looked for that nothing crosses, over the width of the region
 _OUT = (0.25, 0.5, 1.0, 2.0, 4.0)
+_NEAR = 1e-6  # of the width: a hull that ends so near to a given value ends there
 _GRAIN = 64  # sides are multiples of the width over it
 _MANY = 10  # with more variables not even squares of squares fit into a block
 _SETTLED = 30  # rounds in which a reach box closes if it does, about the number of states
@@ -39,6 +41,7 @@ class Setting:
     final: Polynomial
     free: bool
     nothing_after: bool
+    exact: bool  # nothing may be missing from an inequality: the time is free, and costs nothing
 
     @property
     def names(self) -> list[str]:
@@ -104,18 +107,17 @@ def setting(problem: Problem) -> Setting:
     boxes = [limits(statement["bounds"][lift.names[k]]) for k in lift.controls]
     vertices = [[each or Fraction(0) for each in vertex] for vertex in product(*boxes)]
     free = float(statement["final_time"][1]) == inf
-    running, cost = lift.running, lift.final
+    running, cost, weight = lift.running, lift.final, Fraction(0)
     if free:
-        weight = cost.derivative(lift.base - 1)
-        if not weight.is_constant() or weight == 0:
-            raise SolveError("the horizon is free, and its length costs nothing")
-        running, cost = running + weight, cost - weight * lift.ring.gen(lift.base - 1)
-        if cost != 0:
-            raise SolveError("a final cost beside that of a free final time")
-    nothing = nonnegative(statement["nodes"], statement["running"]) and (
-        cost == 0 or (cost.is_constant() and cost.leading_coefficient() > 0)
-    )
-    found = Setting(problem, lift, vertices, running, cost, free, nothing)
+        slope = cost.derivative(lift.base - 1)
+        if not slope.is_constant():
+            raise SolveError("the horizon is free, and its cost is not linear in it")
+        weight = fraction(slope.leading_coefficient()) if slope != 0 else weight
+        running, cost = running + slope, cost - slope * lift.ring.gen(lift.base - 1)
+    never = nonnegative(statement["nodes"], statement["running"]) and weight >= 0
+    nothing = never and (cost == 0 or (cost.is_constant() and cost.leading_coefficient() > 0))
+    exact = free and not (never and weight > 0 and cost == 0)
+    found = Setting(problem, lift, vertices, running, cost, free, nothing, exact)
     for k, its in enumerate(found.start().box[: lift.base]):
         if None in its:
             raise SolveError(f"the start of '{lift.names[k]}' is not given")
@@ -147,7 +149,7 @@ def domain(
     stays without bounds.
     """
     lift = setting.lift
-    wanted = setting.lift.appear() | also
+    wanted = lift.appear() | lift.ranged() | also
     box: list[Limits] = [_NOWHERE] * lift.base
     if not setting.free:
         begin, end = (setting.problem.statement[f"{each}_time"] for each in ("initial", "final"))
@@ -166,12 +168,22 @@ def domain(
         box[k] = ends[0], ends[1]
     exits: list[tuple[int, int]] = []
     for k, side in open_sides:
-        _settle(setting, box, reach, (k, side), hull[setting.names[k]][0])
+        _settle(setting, box, reach, (k, side), hull)
     exits = [side for side in open_sides if not _kept(setting, box, side)]
-    for k, _ in exits:
-        if setting.free and not setting.nothing_after:
-            raise SolveError(f"'{setting.names[k]}' has no bounds")
-    return Domain(Region(lift, with_ranges(lift, box), [-each for each in lift.path]), exits)
+    clipped: Mapping[int, int] = {}
+    pairs: Pairs = []
+    if exits and not setting.nothing_after:
+        edges = {(k, side): _edge(setting, hull, k, side) for k, side in exits}
+        clipped, pairs = clips(setting.problem, lift, box, edges)
+        for k, side in clipped.items():
+            box[k] = _with(box[k], side, edges[k, side])
+        exits = [
+            (k, side)
+            for k, side in exits
+            if clipped.get(k) != side and not _kept(setting, box, (k, side))
+        ]
+    guards = [-each for each in lift.path if not lift.depends(each, clipped)]
+    return Domain(Region(lift, with_ranges(lift, box), guards, clipped, pairs), exits)
 
 
 def _side(setting: Setting, hull: Hull, place: int, side: int, widening: float) -> Fraction:
@@ -182,22 +194,38 @@ def _side(setting: Setting, hull: Hull, place: int, side: int, widening: float) 
     return round(Fraction(moved) / grain) * grain
 
 
+def _edge(setting: Setting, hull: Hull, place: int, side: int) -> Fraction:
+    """Return where the hull ends on a side: at a given start or end, as it is written, or near."""
+    exact = _written(setting, hull, place, side)
+    return exact[0] if exact else _side(setting, hull, place, side, 1.0 / _GRAIN)
+
+
+def _written(setting: Setting, hull: Hull, place: int, side: int) -> list[Fraction]:
+    """Return the given start or end at which the hull ends on a side, none if it does not."""
+    low, high = ends = hull[setting.names[place]]
+    near = _NEAR * ((high - low) or max(abs(high), 1.0))
+    given = [setting.given(table, place)[side] for table in ("start", "end")]
+    exact = [each for each in given if each is not None and abs(float(each) - ends[side]) <= near]
+    return sorted(exact, reverse=bool(side))[:1]
+
+
 def _settle(
     setting: Setting,
     box: list[Limits],
     reach: Sequence[Limits],
     which: tuple[int, int],
-    low: float,
+    hull: Hull,
 ) -> None:
     """Place a side where nothing crosses it if there is such a place near, else where the horizon
     ends if leaving is not free of costs, else leave it where it is.
     """
     k, side = which
     here, width = box[k][side], _width(box[k])
-    natural = [Fraction(0)] if side == 0 and low >= 0 else []
+    natural = _written(setting, hull, k, side)
+    natural += [Fraction(0)] if side == 0 and hull[setting.names[k]][0] >= 0 else []
     for value in [*natural, here, *(_moved(here, side, Fraction(w) * width) for w in _OUT)]:
         trial = [*box[:k], _with(box[k], side, value), *box[k + 1 :]]
-        if _turned_back(setting, trial, which):
+        if _turned_back(setting, trial, which) or _one_way(setting, trial, which):
             box[k] = trial[k]
             return
     if reach[k][side] is not None and not setting.nothing_after:
@@ -220,12 +248,25 @@ def _kept(setting: Setting, box: Sequence[Limits], which: tuple[int, int]) -> bo
     """Tell whether nothing crosses a side of a box: motion turns back there, or is too slow."""
     k, side = which
     value, sign = box[k][side], 1 if side else -1
-    if _turned_back(setting, box, which):
+    if _turned_back(setting, box, which) or _one_way(setting, box, which):
         return True
     inside, start = setting.fastest(k, box)[side], setting.start().box[k][side]
     if setting.free or inside is None or start is None or value is None:
         return False
     return (start - value) * sign + setting.length * max(inside * sign, Fraction(0)) <= 0
+
+
+def _one_way(setting: Setting, box: Sequence[Limits], which: tuple[int, int]) -> bool:
+    """Tell whether a variable, wherever the others are, only moves outward through a side, and has
+    to end inside.
+    """
+    k, side = which
+    end, sign = setting.given("end", k)[side], 1 if side else -1
+    everywhere = [*(setting.given("bounds", i) for i in range(setting.time)), _NOWHERE]
+    back = setting.fastest(k, everywhere)[1 - side]
+    value = box[k][side]
+    inside = end is not None and value is not None and (end - value) * sign <= 0
+    return inside and back is not None and back * sign >= 0
 
 
 def _moved(value: Any, side: int, by: Fraction) -> Fraction:

@@ -2,7 +2,7 @@
 rates are polynomials again.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from math import inf
@@ -77,11 +77,12 @@ class Lift:
         """The polynomial that is zero."""
         return self.ring.constant(0)
 
-    def appear(self) -> set[int]:
-        """Return the places of base variables that rates, costs or constraints depend on, other
-        than through functions; what they are through functions is bounded anyway.
+    def appear(self, but: Container[int] = ()) -> set[int]:
+        """Return the places of base variables that rates, but those of some variables, costs or
+        constraints depend on, other than through functions.
         """
-        its = [*self.rates, self.running, *self.path]
+        rates = [rate for k, rate in enumerate(self.rates) if k not in but]
+        its = [*rates, self.running, *self.path]
         return {
             k for each in its for k, degree in enumerate(each.degrees()[: self.base]) if degree > 0
         }
@@ -90,6 +91,39 @@ class Lift:
         """Return the places of base variables that functions are of."""
         degrees = (of.degrees()[: self.base] for _, _, of in self.functions)
         return {k for each in degrees for k, degree in enumerate(each) if degree > 0}
+
+    def ranged(self) -> set[int]:
+        """Return the places of base variables that functions are of which are bounded only where
+        those are.
+        """
+        its = [of for name, _, of in self.functions if name in {"exp", "inv"}]
+        return {k for of in its for k, degree in enumerate(of.degrees()[: self.base]) if degree > 0}
+
+    def field(self, base: Sequence[Polynomial]) -> list[Polynomial]:
+        """Return the rates of all variables but controls by those of the base variables."""
+        rates = list(base)
+        for operation, _, argument in self.functions:
+            rates.append(_rate(self, operation, len(rates), self.along(argument, rates)))
+        return rates
+
+    def along(self, of: Polynomial, rates: Sequence[Polynomial]) -> Polynomial:
+        """Return the derivative of a polynomial along a motion with the rates of variables."""
+        found = self.zero
+        for k, rate in enumerate(rates):
+            part = of.derivative(k)
+            if part != 0:
+                found += part * rate
+        return found
+
+    def unit(self, place: int) -> list[Polynomial]:
+        """Return the rates of all variables where one base variable moves at speed one alone."""
+        return self.field([self.ring.constant(int(k == place)) for k in range(self.base)])
+
+    def depends(self, of: Polynomial, places: Iterable[int]) -> bool:
+        """Tell whether a polynomial depends on one of some base variables, through functions or
+        not.
+        """
+        return any(self.along(of, self.unit(k)) != 0 for k in places)
 
     def of(self, name: str) -> int:
         """Return the place of a variable."""
@@ -114,23 +148,16 @@ def lifted(problem: Problem) -> Lift:
     lift.path = [reader.relation(place)[0] for place in statement["path"].values()]
     lift.target = [reader.relation(place) for place in statement["target"].values()]
     one = ring.constant(1)
-    lift.rates = [*rates, *(lift.zero for _ in statement["parameters"]), one]
-    for operation, _, argument in lift.functions:
-        lift.rates.append(_rate(lift, operation, argument))
+    lift.rates = lift.field([*rates, *(lift.zero for _ in statement["parameters"]), one])
     return lift
 
 
-def _rate(lift: Lift, operation: str, argument: Polynomial) -> Polynomial:
-    """Return the rate of a function by the chain rule."""
-    slope = lift.zero
-    for i, rate in enumerate(lift.rates):
-        part = argument.derivative(i)
-        if part != 0:
-            slope += part * rate
-    own = lift.ring.gen(len(lift.rates))
+def _rate(lift: Lift, operation: str, place: int, slope: Polynomial) -> Polynomial:
+    """Return the rate of a function by that of its argument."""
+    own = lift.ring.gen(place)
     partner = {"sin": 1, "cos": -1}.get(operation, 0)
     if partner:  # sine and cosine stand side by side
-        return partner * lift.ring.gen(len(lift.rates) + partner) * slope
+        return partner * lift.ring.gen(place + partner) * slope
     return {"exp": own, "tanh": 1 - own * own, "inv": -own * own}[operation] * slope
 
 

@@ -45,7 +45,7 @@ def around(value: float) -> Ends:
 
 def times(a: Ends, b: Ends) -> Ends:
     """Return the product of two intervals."""
-    ends = [x * y for x in a for y in b]
+    ends = [x * y if x and y else Fraction(0) for x in a for y in b]  # of infinite ends too
     return min(ends), max(ends)
 
 
@@ -163,10 +163,28 @@ class Model:
             require(name in _FUNCTIONS and within(argument, known), "a function of what is known")
             self.functions.append((name, argument))
         self._done: dict[int, Poly] = {}
-        self.rates = [self.of(statement["dynamics"][name]) for name in statement["states"]]
-        self.rates.append(self.number(Fraction(1)))
-        for k, (name, argument) in enumerate(self.functions):
-            self.rates.append(self._rate(len(self.base) + k, name, argument))
+        rates = [self.of(statement["dynamics"][name]) for name in statement["states"]]
+        self.rates = self.field([*rates, self.number(Fraction(1))])
+
+    def field(self, base: Sequence[Poly]) -> list[Poly]:
+        """Return the rates of all variables by those of the states and the time."""
+        rates = list(base)
+        for name, argument in self.functions:
+            rates.append(self._rate(len(rates), name, self.along(argument, rates)))
+        return rates
+
+    def along(self, p: Poly, rates: Sequence[Poly]) -> Poly:
+        """Return the derivative of a polynomial along a motion with the rates of variables."""
+        found: Poly = {}
+        for k, rate in enumerate(rates):
+            part = slope(p, k)
+            found = plus(found, by(part, rate)) if part and rate else found
+        return found
+
+    def gradient(self, p: Poly, k: int) -> Poly:
+        """Return the derivative of a polynomial by a state, through functions too."""
+        unit = [self.number(Fraction(int(i == k))) for i in range(len(self.base))]
+        return self.along(p, self.field(unit))
 
     def number(self, value: Fraction) -> Poly:
         """Return a number as a polynomial."""
@@ -238,11 +256,8 @@ class Model:
         require(its is not None and (its[0] >= 0 or its[1] <= 0), "the sign inside fabs")
         return a if its is not None and its[0] >= 0 else plus({}, a, Fraction(-1))
 
-    def _rate(self, k: int, name: str, argument: Poly) -> Poly:
-        inner: Poly = {}
-        for i in range(k):
-            inner = plus(inner, by(slope(argument, i), self.rates[i]))
-        own = self.variable(k)
+    def _rate(self, k: int, name: str, inner: Poly) -> Poly:
+        own, argument = self.variable(k), self.functions[k - len(self.base)][1]
         outer = {
             "exp": lambda: own,
             "tanh": lambda: plus(self.number(Fraction(1)), by(own, own), Fraction(-1)),
@@ -344,3 +359,33 @@ def on_circle(p: Poly, s: int, c: int) -> Poly:
             term = plus(term, up)
         found = plus(found, term)
     return found
+
+
+def nonnegative(nodes: Sequence[Any], place: int | None) -> bool:
+    """Tell whether an entry is at least zero by its operations alone."""
+    if place is None:
+        return True
+    node = nodes[place]
+    if isinstance(node, (int, float)):
+        return node >= 0
+    if isinstance(node, str):
+        return False
+    if node[0] in {"sq", "exp", "fabs"}:
+        return True
+    return node[0] in {"add", "mul", "div", "twice"} and all(
+        nonnegative(nodes, k) for k in node[1:]
+    )
+
+
+def both(a: Any, b: Any) -> Ends | None:
+    """Return what two intervals have in common, None unless it has two ends."""
+    low = max(
+        (each[0] for each in (a, b) if each is not None and each[0] is not None), default=None
+    )
+    high = min(
+        (each[1] for each in (a, b) if each is not None and each[1] is not None), default=None
+    )
+    if low is None or high is None:
+        return None
+    require(low <= high, "that there are admissible ends")
+    return low, high

@@ -20,14 +20,15 @@ _NONE = 1e-13  # of the largest eigenvalue: a square below it is left out
 @final
 @dataclass(frozen=True, eq=False)
 class Squares:
-    """A demand shown, but for what the checker finds left of it: sum over guards of guard * sum of
-    squares of rows . basis / scale.
+    """A demand shown, but for what is left of it, about: sum over guards of guard * sum of squares
+    of rows . basis / scale.
     """
 
     kinds: list[Any]
     bases: list[list[Exponents]]
     rows: list[list[list[int]]]
     scales: list[int]
+    left: float
 
 
 def rounded(values: np.ndarray) -> list[Fraction]:
@@ -46,15 +47,21 @@ def shown(blocks: Blocks, coefficients: Sequence[Fraction], grams: Sequence[np.n
         left = right - blocks.matrix @ stacked
         weights = spsolve((blocks.matrix @ blocks.matrix.T).tocsc(), left)
         stacked = stacked + blocks.matrix.T @ weights
-    rows, scales, place = [], [], 0
+    rows, scales, place, near = [], [], 0, np.zeros_like(stacked)
     for basis in blocks.bases:
         size = len(basis)
         gram = stacked[place : place + size**2].reshape(size, size, order="F")
-        place += size**2
         its, scale = _factor(gram)
+        if its:
+            root = np.array(its, dtype=float) / scale
+            near[place : place + size**2] = (root.T @ root).flatten(order="F")
+        place += size**2
         rows.append(its)
         scales.append(scale)
-    return Squares(blocks.kinds, blocks.bases, rows, scales)
+    known = set(blocks.rows)
+    flat = sum(abs(float(value)) for exponents, value in exact.items() if exponents not in known)
+    left = float(np.sum(np.abs(right - blocks.matrix @ near))) + flat
+    return Squares(blocks.kinds, blocks.bases, rows, scales, left)
 
 
 def _factor(gram: np.ndarray) -> tuple[list[list[int]], int]:

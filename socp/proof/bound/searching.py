@@ -62,7 +62,7 @@ def bounds(job: Job) -> Iterator[LowerBound]:
     idle, grounds = given.idle(), list[_Ground]()
     passes = [set[int](), *([idle] if idle else []), idle]
     for k, also in enumerate(passes):
-        if k and search.stages and not search.stages[-1].exits and not idle:
+        if k and search.stages and not idle and (given.exact or not search.stages[-1].exits):
             break
         try:
             its = closed(search.task, also | given.bounded(), search.stages, clock)
@@ -146,7 +146,7 @@ class _Search:
 
 def _certified(task: Task, stages: Sequence[Stage]) -> LowerBound:
     data = [stage(each.region, [e.data for e in each.exits], each.found.data) for each in stages]
-    found = certificate(task.setting, data)
+    found = certificate(task.setting.problem, task.setting.lift, data)
     low = _down(checked(found))
     found["bound"] = str(low)
     return LowerBound(

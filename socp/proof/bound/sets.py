@@ -1,8 +1,9 @@
 """Boxes of the variables of a lift, and polynomials in coordinates of [-1, 1] on them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from itertools import combinations
 from typing import Any, final
 
 from socp.errors import SolveError
@@ -14,6 +15,9 @@ _GRAIN = 2**60  # ends of the ranges of functions are multiples of one over it, 
 _BITS = 128
 # A coordinate that varies by less is a number to the programme; what it varies by is in the defect
 FLAT = Fraction(1, 10**12)
+# A function of the state that varies by less, over its size, is as good as a number to functions
+# that need not be exact; the inequalities keep what it varies by
+_HARDLY = Fraction(1, 10)
 
 
 @final
@@ -21,15 +25,36 @@ FLAT = Fraction(1, 10**12)
 class Region:
     """A set: a box of all variables, (None, None) of those without bounds, and polynomials that are
     at least zero on it.
+
+    Of a variable in `clipped`, what is beyond the side 0 (below) or 1 is as if it were at the side;
+    `pairs` are (j, k) where the rate of the clipped variable j depends on k.
     """
 
     lift: Lift
     box: list[Limits]
     guards: list[Polynomial] = field(default_factory=list)
+    clipped: Mapping[int, int] = field(default_factory=dict)
+    pairs: list[tuple[int, int]] = field(default_factory=list)
 
     def bounded(self, place: int) -> bool:
         """Tell whether a variable has both bounds."""
         return None not in self.box[place]
+
+    def face(self, places: Mapping[int, int]) -> "Region":
+        """Return where variables are at their sides 0 (below) or 1."""
+        box = list(self.box[: self.lift.base])
+        for place, side in places.items():
+            box[place] = (box[place][side],) * 2
+        return Region(self.lift, with_ranges(self.lift, box), self.guards)
+
+    def faces(self) -> Iterator[tuple["Region", list[Polynomial]]]:
+        """Yield the region and where it is clipped, each with the rates of variables there."""
+        yield self, self.lift.rates
+        for count in range(1, len(self.clipped) + 1):
+            for chosen in combinations(sorted(self.clipped), count):
+                base = self.lift.rates[: self.lift.base]
+                rates = [self.lift.zero if k in chosen else rate for k, rate in enumerate(base)]
+                yield self.face({k: self.clipped[k] for k in chosen}), self.lift.field(rates)
 
     def middle(self, place: int) -> Fraction:
         """Return the middle of a variable, zero without bounds."""
@@ -44,6 +69,11 @@ class Region:
     def wide(self, place: int) -> bool:
         """Tell whether a variable varies at all."""
         return not self.bounded(place) or self.radius(place) > FLAT
+
+    def steady(self, place: int) -> bool:
+        """Tell whether a variable hardly varies, over its size."""
+        low, high = self.box[place]
+        return low is not None and high is not None and high - low < _HARDLY * abs(low + high)
 
     def scaled(self, given: Polynomial) -> Polynomial:
         """Return a polynomial of the variables as one of their coordinates."""

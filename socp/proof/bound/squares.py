@@ -4,8 +4,9 @@ regions, as a semidefinite programme.
 
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import Any, final
 
 import numpy as np
@@ -28,11 +29,15 @@ MOST = 1000
 
 
 def monomials(
-    region: Region, caps: Mapping[int, int], degree: int, most: int = MOST
+    region: Region,
+    caps: Mapping[int, int],
+    degree: int,
+    most: int = MOST,
+    alone: Container[int] = (),
 ) -> list[Exponents]:
     """Return the monomials of coordinates up to a degree, each place up to its own; on a circle the
-    sine stands at most once, and cosine and sine share the cosine's cap. What has no bounds stands
-    alone, and linearly. SolveError where there are more than the most allowed.
+    sine stands at most once, and cosine and sine share the cosine's cap. Places that stand alone
+    are multiplied with no other. SolveError where there are more than the most allowed.
     """
     places, pairs = sorted(caps), region.circles()
     top = {**caps, **{sine: min(caps.get(sine, 0), 1) for sine, _ in pairs}}
@@ -43,7 +48,7 @@ def monomials(
             for its in found
             for power in range(1, min(top[place], degree - sum(its.values())) + 1)
         ]
-        found += [its for its in longer if _allowed(region, its, caps, pairs)]
+        found += [its for its in longer if _allowed(its, caps, pairs, alone)]
         if len(found) > most:
             raise SolveError(f"more than {most} monomials of degree {degree}")
     size = len(region.lift.names)
@@ -52,10 +57,13 @@ def monomials(
 
 
 def _allowed(
-    region: Region, its: Mapping[int, int], caps: Mapping[int, int], pairs: list[tuple[int, int]]
+    its: Mapping[int, int],
+    caps: Mapping[int, int],
+    pairs: list[tuple[int, int]],
+    alone: Container[int],
 ) -> bool:
     on_circle = all(its.get(s, 0) + its.get(c, 0) <= caps.get(c, 0) for s, c in pairs)
-    return on_circle and (sum(its.values()) <= 1 or all(region.bounded(k) for k in its))
+    return on_circle and (sum(its.values()) <= 1 or not any(k in alone for k in its))
 
 
 def table(region: Region, given: Polynomial) -> Table:
@@ -67,12 +75,20 @@ def table(region: Region, given: Polynomial) -> Table:
 @final
 @dataclass(frozen=True, eq=False)
 class Demand:
-    """That constant + sum v_j parts_j, in coordinates of a region, is at least zero on it."""
+    """That constant + sum v_j parts_j, in coordinates of a region, is at least zero on it; with a
+    margin in the constant, less than which has to be left of it.
+    """
 
     name: str
     region: Region
     constant: Table
     parts: list[Table]
+    margin: float = inf
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is demanded."""
+        return not self.constant and not any(self.parts)
 
     def at(self, coefficients: Sequence[Any]) -> Table:
         """Return the polynomial with given coefficients, exactly."""
@@ -214,7 +230,7 @@ def solved(
     objective: np.ndarray,
     blocks: Sequence[Blocks],
     left: Callable[[], float],
-    enough: float | None = None,
+    enough: float = inf,
 ) -> Solved:
     """Return the coefficients v (n,) with the largest objective . v, up to what is enough, that
     satisfy all demands.
@@ -236,7 +252,7 @@ def solved(
         stacked = cvxpy.hstack([cvxpy.vec(gram, order="F") for gram in its])
         conditions.append(linear @ v + constant == each.matrix @ stacked)
         grams.append(its)
-    if enough is not None:
+    if enough < inf:
         conditions.append(objective @ v <= enough)
     problem, began = cvxpy.Problem(cvxpy.Maximize(objective @ v), conditions), time.monotonic()
     try:
