@@ -27,18 +27,31 @@ def with_agreement(
 ) -> Solution:
     """Return a certified solution with the agreement of two computations of it, certified again.
 
-    Arcs shorter than the errors of their ends go first. What has been computed twice already is
-    left at that; Newton on its conditions follows for the others. Where that does not settle, or
-    leaves less than `digits` digits, finer meshes are compared. What cannot be computed twice comes
-    back as it is.
+    What has been computed twice already is left at that; Newton on its conditions follows for the
+    others. Arcs shorter than the errors of their ends go, where they are left. Where Newton does
+    not settle, or leaves less than `digits` digits, finer meshes are compared. What cannot be
+    computed twice comes back as it is.
     """
-    solution = settled(problem, solution, backend, watch)
-    if agrees(solution, digits) or seconds_left() <= 0.0:
+    twice = _twice(problem, solution, digits)
+    best = settled(problem, twice, backend, watch)
+    if best is not twice:
+        best = _twice(problem, best, digits)
+    if agrees(best, digits) or best.stop is Stop.INTERRUPTED or seconds_left() <= 0.0:
+        return best
+    return _compared(problem, best, (digits, backend), watch)
+
+
+def _twice(problem: Problem, solution: Solution, digits: int) -> Solution:
+    """Return what Newton makes of a certified solution, certified again, where it does and is in
+    time; else the solution, certified.
+    """
+    if solution.stop is Stop.INTERRUPTED or seconds_left() <= 0.0:
         return solution
-    found = polished(problem, solution)
-    best = solution if found is None else certified(problem, found)
-    best = best if best.extremal else solution
-    return best if agrees(best, digits) else _compared(problem, best, (digits, backend), watch)
+    if not agrees(solution, digits) and (found := polished(problem, solution)) is not None:
+        judged = certified(problem, found)
+        if judged.extremal:
+            return judged
+    return certified(problem, solution)
 
 
 def settled(

@@ -16,7 +16,7 @@ from socp.search.candidate import Candidate
 from socp.search.effort import Ration, Search, clearly
 from socp.search.mending import collapsed, mends, starts, substitutes
 from socp.search.reading import read, with_hidden_bangs
-from socp.verdict import certified, learn, lower_sides, second_order
+from socp.verdict import learn, lower_sides, second_order, tested
 
 _SOLVES = 40  # words tried before the search from one direct solution gives up
 # Costates times their states, in the objective's units: below, a tolerance of 1e-11 costs digits
@@ -169,7 +169,7 @@ def solve_word(problem: Problem, now: Candidate, backend: Ration, watch: Watch) 
     shown = list[tuple[Solution, Solution]]()
 
     def telling(outside: Solution) -> bool:
-        shown.append((outside, certified(problem, outside)))
+        shown.append((outside, tested(problem, outside)))
         verdict = shown[-1][1].verdict
         return verdict is not None and verdict.residual <= EXTREMAL and not verdict.feasible
 
@@ -180,7 +180,7 @@ def solve_word(problem: Problem, now: Candidate, backend: Ration, watch: Watch) 
     if not solution.stop.ok:
         return solution
     known = next((judged for given, judged in shown if given is solution), None)
-    judged = known or certified(problem, solution)
+    judged = known or tested(problem, solution)
     return _settled(problem, _sharpened(problem, word, judged, backend, watch))
 
 
@@ -192,7 +192,7 @@ def _settled(problem: Problem, solution: Solution) -> Solution:
     if solution.extremal or verdict is None or not max(verdict.residual, verdict.miss) <= _NEARLY:
         return solution
     found = polished(problem, solution)
-    judged = solution if found is None else certified(problem, found)
+    judged = solution if found is None else tested(problem, found)
     return judged if judged.extremal else solution
 
 
@@ -215,4 +215,4 @@ def _sharpened(
     backend.left = scaled.left
     if sharper.stop is Stop.INTERRUPTED:
         return replace(solution, stop=Stop.INTERRUPTED)
-    return certified(problem, sharper) if sharper.stop.ok else solution
+    return tested(problem, sharper) if sharper.stop.ok else solution

@@ -122,13 +122,15 @@ class _Shooting:
     """A problem as shots see it.
 
     arc: carries (x, cost, t, worst violation of state and path limits, u, h, p) over the steps of
-    an arc; ends: the rows that have to be 0 at the end, each at its size, and the Mayer term; first
-    (nx,) and p (np,): those of the extremal; times: initial and final time; fixed: the horizon is
-    given; cost: the extremal's; goal: the cost that a rival has to stay below.
+    an arc, step over one of them; ends: the rows that have to be 0 at the end, each at its size,
+    and the Mayer term; first (nx,) and p (np,): those of the extremal; times: initial and final
+    time; fixed: the horizon is given; cost: the extremal's; goal: the cost that a rival has to stay
+    below.
     """
 
     problem: Problem
     arc: casadi.Function
+    step: casadi.Function
     ends: casadi.Function
     first: np.ndarray
     p: np.ndarray
@@ -144,7 +146,7 @@ class _Shooting:
         cost = float(best.objective)
         return cls(
             problem,
-            _arc(problem, sizes),
+            *_arc(problem, sizes),
             _ends(problem, sizes),
             best.arcs[0].x[:, 0],
             np.array(parameters_of(problem, best), dtype=float),
@@ -181,8 +183,7 @@ class _Shooting:
         weights = 1.0 / np.where(sizes > 0.0, sizes, 1.0)
         shots = shots[_nearest(off * weights, shots.words)]
         for rounds, far in _ROUNDS:
-            shots = self._corrected(shots, weights, rounds)
-            off, cost = self.residuals(shots)
+            shots, off, cost = self._corrected(shots, weights, rounds)
             near = np.abs(off * weights).max(axis=1, initial=0.0) <= far
             shots, cost = shots[near], cost[near]
         order = np.argsort(cost)
@@ -194,13 +195,21 @@ class _Shooting:
         """Return what shots miss (n, rows), the last rows by how much limits are passed and the
         goal is missed, and what they cost (n,).
         """
-        state = self._state(len(shots.lengths))
-        if not state.size:
-            return np.empty((0, self.ends.size1_out(0) + 2)), np.empty(0)
+        return self._missed(self._flight(shots)[-1])
+
+    def _flight(self, shots: _Shots) -> np.ndarray:
+        """Return what shots carry at the end of every arc (arcs, rows, n)."""
+        states = [self._state(len(shots.lengths))]
         for k in range(_ARCS):
-            state = self._flown(state, shots.levels[:, k], shots.lengths[:, k])
+            states.append(self._flown(states[-1], shots.levels[:, k], shots.lengths[:, k]))
+        return np.array(states[1:])
+
+    def _missed(self, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what is missed and paid by shots that end with a state (rows, n)."""
         nx = self.first.size
         x, cost, t, worst = state[:nx], state[nx], state[nx + 1], state[nx + 2]
+        if not t.size:
+            return np.empty((0, self.ends.size1_out(0) + 2)), np.empty(0)
         rows, mayer = numbers(self.ends, x, self.first, self.p, self.times[0], t)
         cost = cost + mayer[0]
         excess = np.maximum(cost - self.goal, 0.0) / (abs(self.cost) or 1.0)
@@ -234,52 +243,67 @@ class _Shooting:
         column = [*self.first, 0.0, self.times[0], 0.0, *np.zeros(nu + 1), *self.p]
         return np.tile(np.array(column)[:, None], n)
 
-    def _flown(self, state: np.ndarray, levels: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    def _flown(
+        self, state: np.ndarray, levels: np.ndarray, lengths: np.ndarray, *, brief: bool = False
+    ) -> np.ndarray:
+        """Return what is carried over an arc, in a single step where it is brief."""
         low, high = self.problem.box
         nx, nu = self.first.size, low.size
         going = np.flatnonzero(lengths > 0.0)  # beyond a word's end nothing moves
         now = state[:, going]
         now[nx + 3 : nx + 3 + nu] = (low + (high - low) * levels[going]).T
-        now[nx + 3 + nu] = lengths[going] / _STEPS
+        now[nx + 3 + nu] = lengths[going] / (1 if brief else _STEPS)
         state = state.copy()
-        state[:, going] = numbers(self.arc, now)[0]
+        state[:, going] = numbers(self.step if brief else self.arc, now)[0]
         return state
 
-    def _corrected(self, shots: _Shots, weights: np.ndarray, rounds: int) -> _Shots:
-        """Return shots after some steps of Gauss and Newton in their lengths, which stay positive;
-        a fixed horizon is kept.
+    def _corrected(
+        self, shots: _Shots, weights: np.ndarray, rounds: int
+    ) -> tuple[_Shots, np.ndarray, np.ndarray]:
+        """Return shots after some steps of Gauss and Newton in their lengths, which stay positive,
+        with what they miss and cost; a fixed horizon is kept.
         """
         damping = np.full(len(shots.lengths), 1e-2)
-        off = self.residuals(shots)[0] * weights
+        states = self._flight(shots)
+        off, cost = self._missed(states[-1])
+        slopes = np.zeros((*off.shape, _ARCS))
+        moved = np.ones(len(damping), dtype=bool)
         for _ in range(rounds):
-            slopes = self._slopes(shots, off, weights)
-            square = np.einsum("nra,nrb->nab", slopes, slopes)
+            if moved.any():  # elsewhere they are what they were
+                slopes[moved] = self._slopes(shots[moved], states[:, :, moved], off[moved])
+            weighted = slopes * weights[:, None]
+            square = np.einsum("nra,nrb->nab", weighted, weighted)
             size = np.trace(square, axis1=1, axis2=2) + np.finfo(float).tiny
             square += (damping * size)[:, None, None] * np.eye(_ARCS)
             step = np.linalg.solve(
                 np.nan_to_num(square) + np.finfo(float).tiny * np.eye(_ARCS),
-                -np.nan_to_num(np.einsum("nra,nr->na", slopes, off))[:, :, None],
+                -np.nan_to_num(np.einsum("nra,nr->na", weighted, off * weights))[:, :, None],
             )[:, :, 0]
             tried = self._kept(shots, shots.lengths + step)
-            new = self.residuals(tried)[0] * weights
-            better = _norm(new) < _norm(off)
-            lengths = np.where(better[:, None], tried.lengths, shots.lengths)
-            shots, off = _Shots(shots.levels, lengths), np.where(better[:, None], new, off)
-            damping = np.where(better, damping / 10.0, damping * 10.0)
-        return shots
+            flown = self._flight(tried)
+            new, paid = self._missed(flown[-1])
+            moved = _norm(new * weights) < _norm(off * weights)
+            lengths = np.where(moved[:, None], tried.lengths, shots.lengths)
+            shots, states = _Shots(shots.levels, lengths), np.where(moved, flown, states)
+            off, cost = np.where(moved[:, None], new, off), np.where(moved, paid, cost)
+            damping = np.where(moved, damping / 10.0, damping * 10.0)
+        return shots, off, cost
 
-    def _slopes(self, shots: _Shots, off: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    def _slopes(self, shots: _Shots, states: np.ndarray, off: np.ndarray) -> np.ndarray:
         """Return the slopes (n, rows, arcs) of what shots miss by their lengths, 0 by those that a
-        word does not have.
+        word does not have: an arc goes on a little beyond its end, and those after it follow.
         """
-        step = 1e-6 * (self.times[1] - self.times[0])
-        columns = []
+        horizon = self.times[1] - self.times[0]
+        little = np.full(len(off), 1e-6 * horizon)
+        slopes = np.zeros((*off.shape, _ARCS))
         for k in range(_ARCS):
-            moved = shots.lengths + step * (np.arange(_ARCS) == k)
-            moved = np.where(shots.lengths > 0.0, moved, 0.0)
-            new = self.residuals(self._kept(shots, moved))[0] * weights
-            columns.append((new - off) / step)
-        return np.stack(columns, axis=2)
+            state = self._flown(states[k], shots.levels[:, k], little, brief=True)
+            for after in range(k + 1, _ARCS):
+                state = self._flown(state, shots.levels[:, after], shots.lengths[:, after])
+            slopes[:, :, k] = (self._missed(state)[0] - off) / little[:, None]
+        if self.fixed:  # as one arc grows all of them shrink
+            slopes -= np.einsum("nra,na->nr", slopes, shots.lengths)[:, :, None] / horizon
+        return np.where(shots.lengths[:, None] > 0.0, slopes, 0.0)
 
     def _kept(self, shots: _Shots, lengths: np.ndarray) -> _Shots:
         """Return shots with other lengths, no arc lost or taken back, the horizon where it has to
@@ -311,9 +335,9 @@ def _nearest(off: np.ndarray, words: list[bytes]) -> np.ndarray:
     return np.array(chosen, dtype=int)
 
 
-def _arc(problem: Problem, sizes: np.ndarray) -> casadi.Function:
-    """Return the steps of an arc: the motion by Runge and Kutta's method of order 4, its controls
-    held, as a function of what it carries.
+def _arc(problem: Problem, sizes: np.ndarray) -> tuple[casadi.Function, casadi.Function]:
+    """Return the steps of an arc and a single one: the motion by Runge and Kutta's method of order
+    4, its controls held, as functions of what it carries.
     """
     x, u, p = problem.x, problem.u, problem.p
     cost, worst, h = (casadi.SX.sym(name) for name in ("cost", "worst", "h"))
@@ -333,7 +357,7 @@ def _arc(problem: Problem, sizes: np.ndarray) -> casadi.Function:
     worst_now = casadi.fmax(worst, limits(z[:-1], time + h, p))
     before = casadi.vertcat(x, cost, time, worst, u, h, p)
     step = casadi.Function("step", [before], [casadi.vertcat(z, time + h, worst_now, u, h, p)])
-    return step.fold(_STEPS)
+    return step.fold(_STEPS).expand(), step  # as one list of operations, which takes less time
 
 
 def _passed(problem: Problem, sizes: np.ndarray) -> Expr:

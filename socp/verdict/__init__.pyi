@@ -3,6 +3,7 @@ from .accuracy import word_problem as word_problem
 from .certify import certified as certified
 from .certify import graded as graded
 from .certify import judge as judge
+from .certify import tested as tested
 from .certify import with_statement as with_statement
 from .grading.grade import grade as grade
 from .junctions import chattering as chattering

@@ -119,16 +119,12 @@ def accuracy(problem: Problem, solution: Solution, points: int = 10) -> Accuracy
     return None if known is None else known.accuracy
 
 
-def sharpened(problem: Problem, solution: Solution) -> Verdict | None:
-    """Return the verdict of a judged solution with the errors that one Newton step shows, where it
-    is certified.
+def sharpened(problem: Problem, solution: Solution, verdict: Verdict) -> Verdict:
+    """Return the verdict of a certified solution with the errors that one Newton step shows.
 
     Where no step tells, the errors are those of the verdict, with all that better controls would
     gain.
     """
-    verdict = solution.verdict
-    if verdict is None or not verdict.extremal:
-        return verdict
     found = accuracy(problem, solution)
     error = (
         verdict.remaining_error if found is None else max(verdict.objective_error, found.objective)

@@ -30,6 +30,7 @@ from socp.model import (
     cached,
     check_names,
     digits_of,
+    lately,
 )
 from socp.process import one_thread
 from socp.verdict import claims, estimates, margins
@@ -250,23 +251,38 @@ def certified(problem: Problem, solution: Solution) -> Solution:
     It is verified against all end conditions, and certified with multipliers of those that do not
     follow from others by what motions conserve: those of the rest are any.
     """
+    judged = tested(problem, solution)
+    verdict = judged.verdict
+    if verdict is None or not verdict.extremal:
+        return judged
+    began, own = time.perf_counter(), independent(problem)
+    sharper = lately(problem, certified, values_of(judged), lambda: sharpened(own, judged, verdict))
+    spent = judged.seconds.get("judge", 0.0) + time.perf_counter() - began
+    return judged.with_judgement(verdict=sharper).spent(judge=spent)
+
+
+def tested(problem: Problem, solution: Solution) -> Solution:
+    """Return what `certified` does, with errors of the objective and of the times by the conditions
+    alone: whether a solution is an extremal they do not tell, and finding better ones by a Newton
+    step takes as long as all the rest.
+    """
     # what was proved, was proved of what was judged before
     solution = with_statement(problem, solution).with_judgement(proofs=())
     # a search ends with what it has judged, which is asked for again in the end
-    known: dict[tuple[Any, ...], Solution] = cached(problem, certified)
+    known: dict[tuple[Any, ...], Solution] = cached(problem, tested)
     if found := known.get(values_of(solution)):
         own = found.judgement
         return solution.with_judgement(
             structure=own.structure, verified=own.verified, verdict=own.verdict
         )
-    judged = _certified(problem, solution)
+    judged = _tested(problem, solution)
     if judged.extremal:
         known.clear()
         known[values_of(judged)] = judged
     return judged
 
 
-def _certified(problem: Problem, solution: Solution) -> Solution:
+def _tested(problem: Problem, solution: Solution) -> Solution:
     stated, problem = completed(problem), independent(problem)
     values = [each for arc in solution.arcs for each in (arc.x, arc.u)]
     values.append(np.array(list(solution.parameters.values()), dtype=float))
@@ -289,8 +305,6 @@ def _certified(problem: Problem, solution: Solution) -> Solution:
         notes = (f"the principle could not be judged: {error}",)
         verdict, arcs = Verdict(miss=worst.off, miss_at=worst.off_at, notes=notes), solution.arcs
     solution = replace(solution, arcs=arcs).with_judgement(verdict=verdict)
-    if sharper := sharpened(problem, solution):
-        solution = solution.with_judgement(verdict=sharper)
     seconds = {"verify": integrated - began, "judge": time.perf_counter() - integrated}
     return solution.spent(**seconds)
 

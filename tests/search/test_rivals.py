@@ -8,7 +8,7 @@ import pytest
 from socp import Problem, Solution, controls, default_guess, final_time, run, states
 from socp.registry import Registry
 from socp.search import Search
-from socp.search.rivals import outdo, rivals
+from socp.search.rivals import _Shooting, outdo, rivals
 
 x, v = states("x v")
 u = controls("u")
@@ -108,3 +108,23 @@ def test_the_aircraft_is_brought_to_trim_by_three_switches() -> None:
     assert found.extremal
     assert found.word == "w: + - + -"
     assert found.objective == pytest.approx(3.78085577, rel=1e-8)
+
+
+@pytest.mark.parametrize("problem", [REST, replace(REST, minimise=x**2, final_time=(4, 4))])
+def test_slopes_of_what_shots_miss_are_those_of_differences(problem: Problem) -> None:
+    guess = default_guess(problem)
+    shooting = _Shooting.of(problem, guess)
+    shots = shooting.drawn()[np.arange(24)]
+    off, _ = shooting.residuals(shots)
+    slopes = shooting._slopes(shots, shooting._flight(shots), off)
+    step = 1e-5 * (guess.final_time - guess.initial_time)
+    for k in range(shots.lengths.shape[1]):
+        moved = np.where(shots.lengths > 0.0, step * (np.arange(4) == k), 0.0)
+        there, back = (
+            shooting.residuals(shooting._kept(shots, shots.lengths + way * moved))[0]
+            for way in (1.0, -1.0)
+        )
+        # the last rows, of limits and of the cost, have kinks
+        assert ((there - back) / (2.0 * step))[:, :-2] == pytest.approx(
+            slopes[:, :-2, k], rel=1e-4, abs=1e-4
+        )
