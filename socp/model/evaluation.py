@@ -182,20 +182,26 @@ def numbers(function: casadi.Function, *given: np.ndarray | float) -> list[np.nd
     conversions of arrays cost is several evaluations' worth. ValueError refuses other sizes.
     """
     asked, told = _ports(function)
-    values = [np.asarray(each, dtype=float) for each in given]
-    counts = {v.size / size for v, (size, _) in zip(values, asked, strict=True) if size}
-    count = 0 if 0 in counts else int(max(counts, default=1))
-    if not counts <= {0, 1, count}:
-        raise ValueError(f"{function}: given {', '.join(str(np.shape(each)) for each in given)}")
+    columns, count = [], 1
+    for each, (size, entries) in zip(given, asked, strict=True):
+        if size:
+            value = np.asarray(each, dtype=float)
+            whole = value.ndim == 2 and len(value) == size
+            try:
+                value = value.T if whole else value.ravel("F").reshape(-1, size)
+            except ValueError:
+                raise _sized(function, given) from None
+            columns.append(value if entries is None else value[:, entries])
+            if (n := len(value)) != 1:
+                if count not in {1, n}:
+                    raise _sized(function, given)
+                count = n
     if not count:  # casadi maps over one column at least
         return [np.empty((rows, 0)) for rows, _, _ in told]
     desks: dict[tuple[int], _Desk] = vars(function).setdefault(_DESK, {})
     desk = desks.pop((count,), None) or _Desk(function, count)  # nobody else works on it meanwhile
-    for (size, entries), each, own in zip(asked, values, desk.given, strict=True):
-        if size:
-            whole = each.ndim == 2 and each.shape[0] == size
-            columns = each.T if whole else each.ravel("F").reshape(-1, size)
-            own[:] = columns if entries is None else columns[:, entries]
+    for own, column in zip(desk.asked, columns, strict=True):
+        own[:] = column
     desk.trigger()
     found = []
     for (rows, width, entries), at in zip(told, desk.found, strict=True):
@@ -204,11 +210,15 @@ def numbers(function: casadi.Function, *given: np.ndarray | float) -> list[np.nd
         else:
             filled = np.zeros((count, rows * width))
             filled[:, entries] = at
-        found.append(filled.reshape(count * width, rows).T)
+        found.append((filled if width == 1 else filled.reshape(count * width, rows)).T)
     while len(desks) >= _DESKS:
         del desks[next(iter(desks))]
     desks[(count,)] = desk
     return found
+
+
+def _sized(function: casadi.Function, given: tuple[np.ndarray | float, ...]) -> ValueError:
+    return ValueError(f"{function}: given {', '.join(str(np.shape(each)) for each in given)}")
 
 
 _DESK = "desk"  # where they stand beside what a function has of its own
@@ -218,7 +228,7 @@ _DESKS = 4  # of a function, for as many counts of points: solves in turns keep 
 @final
 class _Desk:
     """The memory on which a function works at so many points: what is given and what is found,
-    (count, entries) each.
+    (count, entries) each; `asked` is what is given where it has a size.
     """
 
     def __init__(self, function: casadi.Function, count: int) -> None:
@@ -229,6 +239,7 @@ class _Desk:
         self.given, self.found = (
             [np.zeros((count, each)) for each in sizes] for sizes in (inward, outward)
         )
+        self.asked = [each for i, each in enumerate(self.given) if function.numel_in(i)]
         for place, arrays in ((self.buffer.set_arg, self.given), (self.buffer.set_res, self.found)):
             for i, each in enumerate(arrays):
                 if each.size:
