@@ -1,6 +1,5 @@
 """Both ends of a problem as far as they can be guessed, and how long the way between them takes."""
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import casadi
@@ -13,6 +12,8 @@ from socp.model import (
     initial_time,
     mayer_function,
     numbers,
+    of_motion,
+    once,
     rate_function,
     running_function,
     shown_sizes,
@@ -20,6 +21,7 @@ from socp.model import (
 )
 
 
+@once
 def guessed_ends(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     """Return guessed states at both ends: the given value, that of the other end, or the nearest to
     zero in the box.
@@ -33,7 +35,10 @@ def guessed_ends(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
             0.0,
         )
         found.append(np.clip(np.clip(middle, *own), *box))
-    return found[0], _reach(problem, *found)
+    ends = found[0], _reach(problem, *found)
+    for each in ends:
+        each.setflags(write=False)  # shared by all who ask
+    return ends
 
 
 def travel_time(problem: Problem, x0: np.ndarray, xf: np.ndarray, t0: float) -> float:
@@ -96,7 +101,9 @@ def _reach(problem: Problem, x0: np.ndarray, xf: np.ndarray) -> np.ndarray:
             break
         movable = free * (np.maximum(np.abs(xf), _SMALL * size) if apart else 1.0)
         step = movable * (np.linalg.pinv(slope * movable) @ value[:, 0])
-        xf = np.clip(xf - step, *problem.end_box)
+        before, xf = xf, np.clip(xf - step, *problem.end_box)
+        if np.array_equal(before, xf):
+            break
     return xf
 
 
@@ -157,6 +164,7 @@ def reachable_points(problem: Problem, count: int) -> np.ndarray:
     return np.vstack([t[None, :], x, p, costate, _bangs(problem, count, random)])
 
 
+@once
 def horizon(problem: Problem) -> float:
     """Return the fixed or guessed horizon, else an estimate of the time that the way takes, within
     its interval.
@@ -257,18 +265,27 @@ def _simulated(problem: Problem, runs: _Runs, lengths: np.ndarray, steps: int) -
     """Integrate the bang controls for times `lengths` (n,) by Runge-Kutta, states (nx, n) kept
     within their bounds.
     """
-    flow = partial(numbers, rate_function(problem))
-    low, high = problem.state_box
-    x, h = runs.x0, lengths / steps
-    for k in range(steps):
-        u, t = runs.bangs[k * _DRAWS // steps], runs.t0 + h * k
-        with np.errstate(all="ignore"):
-            (a,) = flow(x, u, t, runs.p)
-            (b,) = flow(x + h / 2 * a, u, t + h / 2, runs.p)
-            (c,) = flow(x + h / 2 * b, u, t + h / 2, runs.p)
-            (d,) = flow(x + h * c, u, t + h, runs.p)
-            x = np.clip(x + h / 6 * (a + 2 * b + 2 * c + d), low[:, None], high[:, None])
+    low, high = (side[:, None] for side in problem.state_box)
+    step, x, h = _step(problem), runs.x0, lengths / steps
+    with np.errstate(all="ignore"):
+        for k in range(steps):
+            u, t = runs.bangs[k * _DRAWS // steps], runs.t0 + h * k
+            x = np.clip(numbers(step, x, u, t, h, runs.p)[0], low, high)
     return x
+
+
+@of_motion
+@once
+def _step(problem: Problem) -> casadi.Function:
+    """Return a step of Runge and Kutta's method of order 4 as a function of x, u, t, h, p."""
+    x, u, p, h = problem.x, problem.u, problem.p, casadi.SX.sym("h")
+    flow = rate_function(problem)
+    a = flow(x, u, time, p)
+    b = flow(x + h / 2 * a, u, time + h / 2, p)
+    c = flow(x + h / 2 * b, u, time + h / 2, p)
+    d = flow(x + h * c, u, time + h, p)
+    after = casadi.densify(x + h / 6 * (a + 2 * b + 2 * c + d))
+    return casadi.Function("step", [x, u, time, h, p], [after])
 
 
 def _inside(problem: Problem, x: np.ndarray) -> np.ndarray:
