@@ -103,13 +103,9 @@ class Auto(Method):
             if found is not None:
                 return found
             with time_limit(first):
-                with time_limit(scouting):
-                    search.scouted = scouted(problem, guess, self.starts, watch, self.backend)
-                met = search.scouted.solutions
-                stopped = self._first(problem, [*met, guess], known, watch)
+                stopped = self._begun(problem, guess, known, scouting, watch)
             if stopped is not None:
                 return stopped
-            directs += met
             other = guess if self.starts else None
             escalate(problem, search, directs, (other, self.steps, self.backend), watch)
         pursue(problem, search, directs, watch)
@@ -121,6 +117,31 @@ class Auto(Method):
     def _search(self) -> Search:
         ration = Ration(backend=along_words(self.backend, near=True))
         return Search(backend=ration, seconds=self.seconds)
+
+    def _begun(
+        self,
+        problem: Problem,
+        guess: Solution,
+        known: tuple[Search, list[Solution]],
+        scouting: float,
+        watch: Watch,
+    ) -> Solution | None:
+        """Scout, for some seconds, and refine from what is met and from the guess, which goes
+        before the later starts where the first ones meet nothing; returns as `_first` does.
+        """
+        search, directs = known
+        how = problem, guess, self.starts, watch, self.backend
+        with time_limit(scouting):
+            search.scouted = scouted(*how)
+        met = search.scouted.solutions
+        stopped = self._first(problem, [*met, guess], known, watch)
+        if stopped is None and not met and not search.over and search.scouted.tried < self.starts:
+            with time_limit(scouting):
+                search.scouted = scouted(*how, search.scouted)
+            met = search.scouted.solutions
+            stopped = self._first(problem, met, known, watch)
+        directs += met
+        return stopped
 
     def _first(
         self,

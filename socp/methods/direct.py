@@ -26,6 +26,9 @@ _ALIKE = 1e-3
 # Starts that end in the best extremal known before it is believed to be the best, and no fewer than
 # in all others: where starts end in many, a better one may be among those not met yet
 _MET = 3
+# Starts that lead nowhere before finer grids are tried: where the motion is unstable no coarse grid
+# follows it from any, and every one takes as many iterations as it may
+_FEW = 3
 
 _Programme: TypeAlias = Reduced[NLP, Solution, NLPPoint]
 
@@ -46,21 +49,26 @@ class Scouted:
         return [solution for solution, _ in self.met]
 
 
+_NOTHING = Scouted((), 0)
+
+
 def scouted(
     problem: Problem,
     guess: Solution,
     starts: int,
     watch: Watch = silent,
     backend: Backend | None = None,
+    known: Scouted = _NOTHING,
 ) -> Scouted:
     """Return one coarse solution for every extremal met from the guess and scattered ones.
 
     At most `starts` guesses are tried, none for 0; it ends once the best extremal has been met
-    three times, and as often as all others.
+    three times, and as often as all others, or where the first few have led nowhere: the guess may
+    do on a finer grid. `known`: what came of those, to go on with all the others.
     """
-    starting = islice(_guesses(problem, guess), starts)
+    starting = islice(_guesses(problem, guess), known.tried, starts)
     rough = (backend or default_backend()).within(_TOLERANCE).limited(_ITERATIONS)
-    return _Scouting(problem, guess, watch).all(starting, rough)
+    return _Scouting(problem, guess, watch).all(starting, rough, known, 0 if known.tried else _FEW)
 
 
 def scouts(
@@ -70,8 +78,11 @@ def scouts(
     watch: Watch = silent,
     backend: Backend | None = None,
 ) -> list[Solution]:
-    """Return the coarse solutions of `scouted` alone."""
-    return scouted(problem, guess, starts, watch, backend).solutions
+    """Return the coarse solutions of `scouted`, of all starts where the first lead nowhere."""
+    found = scouted(problem, guess, starts, watch, backend)
+    if not found.met and found.tried < starts:
+        found = scouted(problem, guess, starts, watch, backend, found)
+    return found.solutions
 
 
 def scouts_from_motions(
@@ -111,10 +122,17 @@ class _Scouting:
         """The programme in the problem's own units."""
         return collocate(single_phase(self.problem), [self.mesh], None)
 
-    def all(self, guesses: Iterator[Solution], backend: Backend) -> Scouted:
-        """Return the extremals met, or an interrupted solve alone."""
-        met: list[tuple[Solution, int]] = []
-        tried, units = 0, self.units
+    def all(
+        self,
+        guesses: Iterator[Solution],
+        backend: Backend,
+        known: Scouted = _NOTHING,
+        few: int = 0,
+    ) -> Scouted:
+        """Return the extremals met, those known among them, or an interrupted solve alone; it ends
+        where the first few have led nowhere.
+        """
+        met, tried, units = list(known.met), known.tried, self.units
         for start in guesses:
             if seconds_left() <= 0.0:
                 break
@@ -131,6 +149,8 @@ class _Scouting:
                 return Scouted(((found, 0),), tried)
             if found.stop.ok:
                 met = count_in(met, found)
+            if not met and tried == few:
+                break
             if met and met[0][1] >= max(_MET, sum(count for _, count in met[1:])):
                 break
         return Scouted(tuple(met), tried)

@@ -182,20 +182,19 @@ def numbers(function: casadi.Function, *given: np.ndarray | float) -> list[np.nd
     conversions of arrays cost is several evaluations' worth. ValueError refuses other sizes.
     """
     asked, told = _ports(function)
-    columns, count = [], 1
+    columns, counts = [], {1}
     for each, (size, entries) in zip(given, asked, strict=True):
         if size:
             value = np.asarray(each, dtype=float)
             whole = value.ndim == 2 and len(value) == size
-            try:
-                value = value.T if whole else value.ravel("F").reshape(-1, size)
-            except ValueError:
-                raise _sized(function, given) from None
+            if not whole and value.size % size:
+                raise _sized(function, given)
+            value = value.T if whole else value.ravel("F").reshape(-1, size)
             columns.append(value if entries is None else value[:, entries])
-            if (n := len(value)) != 1:
-                if count not in {1, n}:
-                    raise _sized(function, given)
-                count = n
+            counts.add(len(value))
+    count = 0 if 0 in counts else max(counts)
+    if not counts <= {0, 1, count}:
+        raise _sized(function, given)
     if not count:  # casadi maps over one column at least
         return [np.empty((rows, 0)) for rows, _, _ in told]
     desks: dict[tuple[int], _Desk] = vars(function).setdefault(_DESK, {})
