@@ -13,7 +13,7 @@ from socp.methods import descended, motions, scouts_from_motions, solve_directly
 from socp.model import FEASIBLE, Problem, Solution, Stop, Watch, silent, staged
 from socp.process import seconds_left, time_limit
 from socp.search.effort import FAR, Ration, Search, along_words, off, precedes
-from socp.search.motions import held_solution, own_motion
+from socp.search.motions import adapted, held_solution, own_motion
 from socp.search.neighbours import word_of
 from socp.search.refinement import refine, try_words
 from socp.solvers import Backend
@@ -68,6 +68,9 @@ _JUMPED = 0.1
 # on from the best one so far
 _LEADING = 0.25
 _LED = 20  # words tried from the best one of the rounds before: half of what one grid is worth
+# Of the time of a round, at most, and grids: each cut has up to four times as fine a look at where
+# it matters, and three of them find what is over within a hundredth of a first interval
+_ADAPTING, _ADAPTED = 0.4, 4
 _ITERATIONS = 500  # what a direct solve has not reached by then it hardly ever reaches
 _MOTIONS = 3  # those that keep best to the box; other horizons are the scouts' concern
 
@@ -111,7 +114,7 @@ def escalate(
     try:
         if not _done(problem, search):
             apart += _held(problem, [*directs, *apart], backend, staged(watch, "held controls"))
-        _rounds(problem, search, directs, (steps, backend), watch)
+        _rounds(problem, search, (directs, apart), (steps, backend), watch)
     finally:  # to conclude with; its many short arcs show words no better than a grid's
         directs += apart
 
@@ -119,12 +122,14 @@ def escalate(
 def _rounds(
     problem: Problem,
     search: Search,
-    directs: list[Solution],
+    known: tuple[list[Solution], list[Solution]],
     grids: tuple[int, Backend],
     watch: Watch,
 ) -> None:
-    """Go through the rounds, from the steps of the first grids and the solver of direct ones."""
-    steps, backend = grids
+    """Go through the rounds, from direct solutions and those that stand apart, the steps of the
+    first grids and the solver of direct ones.
+    """
+    (directs, apart), (steps, backend) = known, grids
     for number, more in enumerate(ROUNDS, 2):
         if (
             _done(problem, search)
@@ -138,6 +143,9 @@ def _rounds(
         with time_limit(seconds_left() * more.share):
             with time_limit(_LEADING * seconds_left()):
                 lead(problem, search, told)
+            if not search.over and more is ROUNDS[0]:
+                with time_limit(_ADAPTING * seconds_left()):
+                    apart += _cut(problem, search, [*directs, *apart], backend, told)
             how = meshes(problem, more.finer * steps), backend.limited(_ITERATIONS)
             if not search.over:
                 _round(problem, search, directs, how, told)
@@ -152,6 +160,23 @@ def lead(problem: Problem, search: Search, watch: Watch = silent) -> None:
     if best is None or not best.lawful or not off(best) <= _CLAIMED:
         return
     try_words(problem, iter([[word_of(best)]]), search, watch, _LED)
+
+
+def _cut(
+    problem: Problem, search: Search, known: Sequence[Solution], backend: Backend, watch: Watch
+) -> list[Solution]:
+    """Go from the best solution over grids that are cut where it is worth it, and refine from the
+    last of these, which shows most; returns what is solved on them.
+    """
+    start = next((each for each in _starts(problem, known) if each.stop.ok), None)
+    if start is None:
+        return []
+    with time_limit(seconds_left() / 2.0):
+        grids = adapted(problem, start, backend, staged(watch, "grid"))
+        found = list(islice(grids, _ADAPTED))
+    if found:
+        refine(problem, found[-1], search, watch)
+    return found
 
 
 def _round(

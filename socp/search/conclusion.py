@@ -24,7 +24,7 @@ from socp.model import (
 )
 from socp.process import overtime, seconds_left, time_limit
 from socp.search.effort import FAR, Ration, Search, clearly, off, precedes
-from socp.search.motions import held_solution, own_motion
+from socp.search.motions import adapted, held_solution, own_motion, stated_error
 from socp.search.refinement import refine
 from socp.solvers import Backend, default_backend
 from socp.transcription import Mesh, euler, knotted, single_phase, trapezoid
@@ -239,7 +239,7 @@ def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -
     *grids, held = finer.ways
     for solve in (*grids, held):
         spent = _JUDGED * (time.monotonic() - began)  # the next takes no less, and as much to solve
-        if seconds_left() <= spent or (solve is held and _stated(best) < float("inf")):
+        if seconds_left() <= spent or (solve is held and stated_error(best) < float("inf")):
             break
         began = time.monotonic()
         with time_limit(seconds_left() - spent):
@@ -271,19 +271,11 @@ def _before(one: Solution, other: Solution) -> bool:
     for two that state one, of which that which reaches less is to be had.
     """
     for better, worse in ((one, other), (other, one)):
-        if better.reached <= worse.reached and _stated(better) < _stated(worse):
+        if better.reached <= worse.reached and stated_error(better) < stated_error(worse):
             return better is one
-    if max(_stated(one), _stated(other)) < float("inf"):
+    if max(stated_error(one), stated_error(other)) < float("inf"):
         return one.reached < other.reached
     return precedes(one, other)
-
-
-def _stated(solution: Solution) -> float:
-    """Return the error of the objective that a verdict states, infinite where it states none."""
-    verdict = solution.verdict
-    if verdict is None or verdict.grade is None or not verdict.approximate:
-        return float("inf")
-    return verdict.grade.error
 
 
 def _verified(problem: Problem, solution: Solution) -> Solution:

@@ -2,6 +2,7 @@
 its grid makes of it, and controls held over every interval.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 
@@ -21,15 +22,21 @@ from socp.model import (
     once,
     silent,
 )
-from socp.process import in_time
+from socp.process import in_time, seconds_left
 from socp.solvers import Backend
 from socp.transcription import Mesh, equidistributed, knotted, radau_iia, single_phase
-from socp.verdict import moved, verify
+from socp.verdict import error_shares, judge, moved, verify
 
 # Intervals with held controls, and points on each: what is lost goes with an interval's square, and
 # the motion is integrated to the digits of what it is compared with; where it is not, as it is
 # stiff or unstable, as many in all on intervals of higher order that are short where it is fast
 _HELD, _FAST = (200, 3), (120, 5)
+# The first of the grids that are cut where it is worth it: coarse, as it tells little but where
+_ADAPTED = 60, 3
+# Of the mean of all intervals: the error at which an interval is left as it is, and aimed at. Where
+# all have the same, all are halved
+_AIM = 0.25
+_PARTS = 4  # of an interval at most: what a coarse grid says of one is rough
 _TOLERANCE = 1e-7  # a direct solution is compared by its re-integration
 _ITERATIONS = 150  # from a solution nearby it takes some ten
 
@@ -56,6 +63,67 @@ def held_solution(
     again = _held_on(how, equidistributed(problem, radau_iia(more), fewer, start), start)
     better = again is not None and (again.stop.ok or again.stop is Stop.INTERRUPTED)
     return again if better else found
+
+
+def adapted(
+    problem: Problem, known: Solution, backend: Backend, watch: Watch = silent
+) -> Iterator[Solution]:
+    """Yield direct solutions with held controls from one that is known, judged, each on the grid of
+    the one before with those intervals cut that most of its objective's error comes from.
+
+    A treatment that is over in the first minutes of a season, switches that crowd at an end: a grid
+    that is fine there has few intervals. It ends where a solve fails, where nothing tells where to
+    cut, and where what is stated of the error falls no more: short intervals weigh so little then
+    that the solver leaves their controls anywhere.
+    """
+    how, scheme = (problem, backend, watch), radau_iia(_ADAPTED[1])
+    mesh: Mesh | None = equidistributed(problem, scheme, _ADAPTED[0], known)
+    error = float("inf")
+    while mesh is not None:
+        found = _held_on(how, mesh, known)
+        if found is None or not found.stop.ok:
+            return
+        known = judge(problem, found)
+        yield known
+        before, error = error, stated_error(known)
+        if before <= error < np.inf or seconds_left() <= 0.0:
+            return
+        mesh = _cut_where_worth(problem, known, mesh)
+
+
+def stated_error(solution: Solution) -> float:
+    """Return the error of the objective that a verdict states, infinite where it states none."""
+    verdict = solution.verdict
+    if verdict is None or verdict.grade is None or not verdict.approximate:
+        return float("inf")
+    return verdict.grade.error
+
+
+def _cut_where_worth(problem: Problem, solution: Solution, mesh: Mesh) -> Mesh | None:
+    """Return the mesh of a solution with those intervals cut that add more than others to the error
+    of its objective, None where that is not known.
+    """
+    with np.errstate(all="ignore"):
+        try:
+            found = error_shares(problem, solution)
+        except (np.linalg.LinAlgError, ValueError, ArithmeticError):
+            return None
+    if found is None:
+        return None
+    edges, shares = found
+    ends = solution.arcs[0].t[solution.arcs[0].mesh]
+    of = np.searchsorted(ends, 0.5 * (edges[1:] + edges[:-1])) - 1
+    error = np.bincount(of, shares, minlength=ends.size - 1)
+    if not 0.0 < error.sum() < np.inf:
+        return None
+    # what controls that are held miss of a switch falls with the square of an interval's length
+    wanted = np.sqrt(error / (_AIM * error.mean()))
+    parts = np.ceil(np.clip(wanted, 1.0, _PARTS)).astype(int)
+    return [
+        (share / count, scheme)
+        for (share, scheme), count in zip(mesh, parts.tolist(), strict=True)
+        for _ in range(count)
+    ]
 
 
 def _held_on(how: tuple[Problem, Backend, Watch], mesh: Mesh, known: Solution) -> Solution | None:

@@ -5,6 +5,7 @@ from .certify import graded as graded
 from .certify import judge as judge
 from .certify import tested as tested
 from .certify import with_statement as with_statement
+from .grading.grade import error_shares as error_shares
 from .grading.grade import grade as grade
 from .junctions import chattering as chattering
 from .lessons import learn as learn

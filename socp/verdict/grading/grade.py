@@ -6,7 +6,17 @@ the given point, or less by what better controls would gain.
 
 import numpy as np
 
-from socp.model import Feasibility, Grade, Mode, Place, Problem, Solution, mayer_function
+from socp.model import (
+    Feasibility,
+    Grade,
+    Mode,
+    Place,
+    Problem,
+    Solution,
+    lately,
+    mayer_function,
+)
+from socp.verdict.accuracy import values_of
 from socp.verdict.grading.pieces import NODES, Pieces
 from socp.verdict.grading.unknowns import Unknowns
 from socp.verdict.grading.weighing import Weights, weights
@@ -34,16 +44,16 @@ def grade(problem: Problem, solution: Solution) -> Grade | None:
     Lagrangians differ by, that of the returned motion and that of the re-integrated one, and what
     the first order comes to times how far the two motions are apart, relative.
     """
-    pieces = Pieces.of(problem, solution)
-    unknowns = Unknowns(problem, solution, pieces)
-    cost, size = _cost(unknowns)
-    found = weights(unknowns, size) if np.isfinite(size) and size > 0 else None
-    if found is None:
+    weighed = _weighed(problem, solution)
+    if weighed is None:
         return None
+    unknowns, found = weighed
+    cost, size = _cost(unknowns)
     seen = solution.verified[0]
-    dynamics, ends, path = _motion(unknowns, found), _ends(unknowns, found), _path(unknowns, found)
+    dynamics = float(sum(each.sum() for each in _motion(unknowns, found)))
+    ends, path = _ends(unknowns, found), _path(unknowns, found)
     value = cost + dynamics + ends + path
-    gain = _gain(unknowns, found) + found.gain
+    gain = float(_gain(unknowns, found).sum()) + found.gain
     off = max(abs(each - value) for each in (solution.objective, seen.objective))
     second = abs(seen.objective + float(found.tie @ unknowns.reached) - value)
     second += (abs(dynamics) + abs(ends) + abs(path)) * _apart(seen)
@@ -58,6 +68,36 @@ def grade(problem: Problem, solution: Solution) -> Grade | None:
         size=size,
         curvature=_curvature(solution),
     )
+
+
+def error_shares(problem: Problem, solution: Solution) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the ends (n + 1,) of the pieces of a verified solution and what each adds (n,) to the
+    error of its objective, in the objective's units: what better controls would gain there, and the
+    costate times what its motion misses. None where no multipliers are found.
+
+    They tell where a grid is to be finer (Becker, Rannacher, Acta Numerica 10, 2001, section 5).
+    """
+    weighed = _weighed(problem, solution)
+    if weighed is None:
+        return None
+    along, leaps, _ = _motion(*weighed)
+    shares = _gain(*weighed) + np.abs(along)
+    shares[1:] += np.abs(leaps)
+    return weighed[0].pieces.edges, shares
+
+
+def _weighed(problem: Problem, solution: Solution) -> tuple[Unknowns, Weights] | None:
+    """Lay out a verified solution, and find the multipliers under which it has the least to gain;
+    of the one that was asked for last they are kept.
+    """
+
+    def made() -> tuple[Unknowns, Weights] | None:
+        unknowns = Unknowns(problem, solution, Pieces.of(problem, solution))
+        _, size = _cost(unknowns)
+        found = weights(unknowns, size) if np.isfinite(size) and size > 0 else None
+        return None if found is None else (unknowns, found)
+
+    return lately(problem, _weighed, values_of(solution), made)
 
 
 def _apart(seen: Feasibility) -> float:
@@ -90,9 +130,9 @@ def _cost(unknowns: Unknowns) -> tuple[float, float]:
     return float((w * L).sum()) + mayer, float((w * np.abs(L)).sum()) + abs(mayer)
 
 
-def _motion(unknowns: Unknowns, found: Weights) -> float:
-    """Return the costate times what the motion misses: f - x' on the pieces, by parts, and the
-    leaps between them and from where it may start.
+def _motion(unknowns: Unknowns, found: Weights) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the costate times what the motion misses: f - x' on the pieces (n,), by parts, and the
+    leaps between them (n - 1,) and from where it may start ().
     """
     pieces, v, costate = unknowns.pieces, unknowns.pieces.values, found.costate
     inner = costate[:, :NODES]
@@ -104,10 +144,10 @@ def _motion(unknowns: Unknowns, found: Weights) -> float:
     rates = (inner * v["f"][:, :NODES] + slope * pieces.x[:, :NODES]).sum(axis=-1)
     ends = (costate[:, 0] * pieces.x[:, 0] - costate[:, -1] * pieces.x[:, -1]).sum(axis=-1)
     along = (pieces.weights * rates).sum(axis=1) + ends
-    leaps = (costate[1:, 0] * (pieces.x[1:, 0] - pieces.x[:-1, -1])).sum()
+    leaps = (costate[1:, 0] * (pieces.x[1:, 0] - pieces.x[:-1, -1])).sum(axis=-1)
     start = costate[0, 0] + found.jump[0] @ unknowns.joints["cx"][0]
     x = pieces.x[0, 0]
-    return float(along.sum() - leaps - start @ (x - np.clip(x, *unknowns.problem.start_box)))
+    return along, -leaps, -(start @ (x - np.clip(x, *unknowns.problem.start_box)))
 
 
 def _ends(unknowns: Unknowns, found: Weights) -> float:
@@ -122,9 +162,9 @@ def _path(unknowns: Unknowns, found: Weights) -> float:
     return float(along + (found.jump * unknowns.joints["c"]).sum())
 
 
-def _gain(unknowns: Unknowns, found: Weights) -> float:
-    """Return the integral of the Hamiltonian that better controls would gain, and of what controls
-    outside their box have gained.
+def _gain(unknowns: Unknowns, found: Weights) -> np.ndarray:
+    """Return the integral over every piece (n,) of the Hamiltonian that better controls would gain,
+    and of what controls outside their box have gained.
     """
     pieces, v = unknowns.pieces, unknowns.pieces.values
     sigma = v["L1"][:, :NODES] + np.einsum(
@@ -133,4 +173,4 @@ def _gain(unknowns: Unknowns, found: Weights) -> float:
     low, high = unknowns.problem.box
     u = pieces.u[:, :NODES]
     gain = np.abs(np.maximum(sigma * (u - low), sigma * (u - high)))
-    return float((pieces.weights[..., None] * gain).sum())
+    return np.array((pieces.weights[..., None] * gain).sum(axis=(1, 2)))
