@@ -39,6 +39,9 @@ _AIM = 0.25
 _PARTS = 4  # of an interval at most: what a coarse grid says of one is rough
 _TOLERANCE = 1e-7  # a direct solution is compared by its re-integration
 _ITERATIONS = 150  # from a solution nearby it takes some ten
+# With a barrier from the beginning, where the controls of a solution in hand are not to be trusted:
+# they have left the box, or ring
+_FAR = 500
 
 
 def held_solution(
@@ -51,7 +54,7 @@ def held_solution(
     not ring along singular arcs. Where equal intervals do not, as motion is fast at times or
     unstable, they are chosen by how much it moves.
     """
-    how = problem, backend, watch
+    how = problem, backend.within(_TOLERANCE).limited(_ITERATIONS).nearby(), watch
     (count, points), (fewer, more) = _HELD, _FAST
     found = _held_on(how, knotted(problem, radau_iia(points), count), known)
     if found is not None:
@@ -76,7 +79,8 @@ def adapted(
     cut, and where what is stated of the error falls no more: short intervals weigh so little then
     that the solver leaves their controls anywhere.
     """
-    how, scheme = (problem, backend, watch), radau_iia(_ADAPTED[1])
+    how = problem, backend.within(_TOLERANCE).limited(_FAR), watch
+    scheme = radau_iia(_ADAPTED[1])
     mesh: Mesh | None = equidistributed(problem, scheme, _ADAPTED[0], known)
     error = float("inf")
     while mesh is not None:
@@ -128,10 +132,9 @@ def _cut_where_worth(problem: Problem, solution: Solution, mesh: Mesh) -> Mesh |
 
 def _held_on(how: tuple[Problem, Backend, Watch], mesh: Mesh, known: Solution) -> Solution | None:
     problem, backend, watch = how
-    patient = backend.within(_TOLERANCE).limited(_ITERATIONS).nearby()
     phased = single_phase(problem).with_phases(held=True)
     try:
-        return solve_collocated(phased, [mesh], patient, known, watch)
+        return solve_collocated(phased, [mesh], backend, known, watch)
     except SolveError:
         return None
 
