@@ -7,7 +7,7 @@ that are shown afterwards. What they leave out is shown there as well.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import pairwise
 from typing import final
 
@@ -272,8 +272,7 @@ def chain(system: Hamiltonian, solution: Solution) -> Chain:
     pieces: list[Piece] = []
     for k, arc in enumerate(solution.arcs):
         if arc.modes not in loops:
-            times = np.linspace(arc.t[0], arc.t[-1], _SAMPLES)
-            loops[arc.modes] = loop(system, arc.modes, partial(_looked, system, arc, times))
+            loops[arc.modes] = loop(system, arc.modes, looks(system, arc))
         pieces += _pieces(system, k, arc, loops[arc.modes])
     found = Chain(system, solution, tuple(pieces))
     equations = sum(map(len, found.joints)) + len(found.ends)
@@ -310,8 +309,10 @@ def _pieces(system: Hamiltonian, k: int, arc: Arc, its: Loop) -> Iterator[Piece]
             joint = system.numbers.kinks[symbol]
 
 
-def _looked(system: Hamiltonian, arc: Arc, times: np.ndarray, expression: Expr) -> np.ndarray:
-    return _along(system, arc, expression)(times)
+def looks(system: Hamiltonian, arc: Arc) -> Callable[[Expr], np.ndarray]:
+    """Return what gives the values (n,) of an expression at some times of an arc."""
+    times = np.linspace(arc.t[0], arc.t[-1], _SAMPLES)
+    return lambda expression: _along(system, arc, expression)(times)
 
 
 def _along(system: Hamiltonian, arc: Arc, argument: Expr) -> Callable[[np.ndarray], np.ndarray]:

@@ -15,19 +15,17 @@ from fractions import Fraction
 from typing import Any, final
 
 import casadi
-import numpy as np
 
 from socp.errors import SolveError
-from socp.model import TINY, Expr, once
+from socp.model import Expr, once
 from socp.proof.balls import Ball, Compiled, Matrix, coefficients, compiled, finite, flint
+from socp.proof.linear import around_one, evolved, horner, identity
 
 ORDER = 24  # Taylor coefficients of the motion: steps get longer with more, and dearer
 SLOPES = 12  # of its derivatives, which only have to be right to some digits
 _DIRECT = 6  # coefficients by Picard's iteration: a few are had sooner so
 _ROUNDS = 12  # until a set contains its own image: what takes more takes shorter steps
 _WIDER = 1.1
-_PERRON = 12  # rounds of the power method: sizes need no digits
-_LEAST = (1.0, 1e-2, 1e-4, 1e-6)  # sizes of quantities, of the largest, that are tried
 _GRID = 1 << 20  # shares of an arc's length: steps are whole multiples of one of these
 # Steps of an arc, at some hundredths of a second each: more take too long; and after how many their
 # number is foreseen
@@ -148,7 +146,7 @@ class State:
         module, n = flint(), len(z)
         middle = [each.mid() for each in z]
         around = [a - b for a, b in zip(z, middle, strict=True)]
-        return cls(middle, _one(n), module.arb_mat(n, 1, around), slopes)
+        return cls(middle, identity(n), module.arb_mat(n, 1, around), slopes)
 
     @property
     def box(self) -> list[Ball]:
@@ -189,7 +187,7 @@ class Stage:
         found, flint().ctx.cap = [], 1
         for k in range(count):
             t = (self.h * k / count).union(self.h * (k + 1) / count)
-            found.append([_horner([*a, b[ORDER]], t) for a, b in zip(near, last, strict=True)])
+            found.append([horner([*a, b[ORDER]], t) for a, b in zip(near, last, strict=True)])
         return found
 
 
@@ -207,7 +205,7 @@ def step(motion: Motion, state: State, h: Ball) -> tuple[State, Stage] | None:
         return None
     near, power = motion.series(state.middle, ORDER), h**ORDER
     end = [
-        _horner(coefficients(each, ORDER), h) + top * power
+        horner(coefficients(each, ORDER), h) + top * power
         for each, top in zip(near, last, strict=True)
     ]
     moved = _slope(motion, motion.series(box, SLOPES), wide, h) * state.frame
@@ -217,8 +215,8 @@ def step(motion: Motion, state: State, h: Ball) -> tuple[State, Stage] | None:
 def nearly(motion: Motion, state: State, h: Ball) -> tuple[State, Stage]:
     """Return about where the motion leads, with its derivative; nothing is claimed of it."""
     near = motion.series(state.middle, ORDER)
-    end = [_horner(coefficients(each, ORDER), h).mid() for each in near]
-    frame = _horner(_solved(motion.matrices(near, SLOPES), state.frame, SLOPES - 1), h).mid()
+    end = [horner(coefficients(each, ORDER), h).mid() for each in near]
+    frame = horner(evolved(motion.matrices(near, SLOPES), state.frame, SLOPES - 1), h).mid()
     return State(end, frame, state.spread, state.slopes), Stage(motion, state.middle, end, h)
 
 
@@ -234,10 +232,6 @@ def _carried(state: State, end: list[Ball], moved: Matrix) -> State:
     around = module.arb_mat(n, 1, [a - b for a, b in zip(end, middle, strict=True)])
     spread = state.spread + off * state.spread + inverse * around
     return State(middle, frame, spread, state.slopes + off * state.slopes)
-
-
-def _one(n: int) -> Matrix:
-    return flint().arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
 
 
 def _enclosure(motion: Motion, z: list[Ball], h: Ball) -> list[Ball] | None:
@@ -256,66 +250,14 @@ def _enclosure(motion: Motion, z: list[Ball], h: Ball) -> list[Ball] | None:
     return None
 
 
-def _horner(values: Sequence[Any], h: Ball) -> Any:
-    found = values[-1]
-    for each in reversed(values[:-1]):
-        found = found * h + each
-    return found
-
-
 def _slope(motion: Motion, near: list[Any], wide: list[Any], h: Ball) -> Matrix:
     """Return the derivative of a step by where it begins."""
-    one = _one(motion.size)
+    one = identity(motion.size)
     over = motion.matrices(wide, SLOPES)
-    around = _around(over[0], h)
-    parts = _solved(motion.matrices(near, SLOPES), one, SLOPES - 1)
-    parts.append(_solved(over, around, SLOPES)[-1])
-    return _horner(parts, h)
-
-
-def _around(matrix: Matrix, h: Ball) -> Matrix:
-    """Return what contains V over a step, V' = A V, V(0) = 1, A a matrix of balls: |V - 1|_ij is at
-    most (exp(a h) - 1) s_i / s_j for a = max_i sum_j |A_ij| s_j / s_i, whatever the sizes s.
-    """
-    n, arb = matrix.nrows(), flint().arb
-    bounds = [[matrix[i, j].abs_upper() for j in range(n)] for i in range(n)]
-    floats = np.array([[float(each) for each in row] for row in bounds])
-    best = None
-    for least in _LEAST:
-        s = [arb(float(each)) for each in _sizes(floats, least)]
-        norm = max(
-            (sum((b * s[j] for j, b in enumerate(row)), arb(0)) / s[i]).upper()
-            for i, row in enumerate(bounds)
-        )
-        growth = ((norm * h).exp() - 1).abs_upper()
-        if best is None or growth / least < best[0]:
-            best = growth / least, growth, s
-    growth, s = best[1:] if best else (arb(0), [])
-    entries = [arb(int(i == j), (growth * s[i] / s[j]).upper()) for i in range(n) for j in range(n)]
-    return flint().arb_mat(n, n, entries)
-
-
-def _sizes(matrix: np.ndarray, least: float) -> np.ndarray:
-    """Return sizes from `least` to 1 for which a norm of a matrix is nearly the least it can be, by
-    the power method (Perron).
-    """
-    size = np.ones(len(matrix))
-    with np.errstate(all="ignore"):
-        for _ in range(_PERRON):
-            moved = matrix @ size
-            size = np.maximum(np.sqrt(size * moved / max(moved.max(), TINY)), least)
-    return size if np.isfinite(size).all() else np.ones(len(matrix))
-
-
-def _solved(matrices: Sequence[Matrix], first: Matrix, order: int) -> list[Matrix]:
-    """Return the Taylor coefficients of V' = A V, V(0) = first, up to an order."""
-    found = [first]
-    for k in range(order):
-        total = matrices[0] * found[k]
-        for i in range(1, k + 1):
-            total = total + matrices[i] * found[k - i]
-        found.append(total * (flint().arb(1) / (k + 1)))
-    return found
+    around = around_one(over[0], h)
+    parts = evolved(motion.matrices(near, SLOPES), one, SLOPES - 1)
+    parts.append(evolved(over, around, SLOPES)[-1])
+    return horner(parts, h)
 
 
 def passage(
@@ -371,7 +313,7 @@ def _tried(motion: Motion, z: list[Ball], h: Ball) -> tuple[list[Ball], float] |
         return None
     last = [coefficients(each, ORDER + 1)[ORDER] for each in motion.series(during, ORDER)]
     near = [coefficients(each, ORDER) for each in motion.series(z, ORDER)]
-    end = [_horner(each, h).mid() for each in near]
+    end = [horner(each, h).mid() for each in near]
     if not finite(last) or not finite(end):
         return None
     return end, max(float((top * h**ORDER).abs_upper()) for top in last)

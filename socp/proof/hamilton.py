@@ -114,7 +114,8 @@ def _constraints(problem: Problem) -> dict[str, Expr]:
 @dataclass(frozen=True, eq=False)
 class Loop:
     """The motion z' = field (nz, 1) on an arc with its inputs put in, `control` (nu, 1), the
-    multipliers of its constraints, and what vanishes on it all along.
+    multipliers of its constraints, and what vanishes on it all along; `kept` are the derivatives of
+    every constraint that do.
 
     `pulls` are A and M of every boundary control's own equation A + M mu = 0, `convexity` is the
     Legendre-Clebsch matrix of its singular controls, `regular` the determinant that must not
@@ -126,6 +127,7 @@ class Loop:
     control: Expr
     multipliers: Mapping[str, Expr]
     vanishing: tuple[Expr, ...]
+    kept: Mapping[str, Sequence[Expr]]
     pulls: Mapping[str, tuple[Expr, Expr]]
     convexity: Expr
     regular: Expr
@@ -193,8 +195,9 @@ def loop(system: Hamiltonian, modes: Modes, near: Callable[[Expr], np.ndarray]) 
     multipliers = dict(zip(on.values(), casadi.vertsplit(put[2]) if on else (), strict=True))
     regular = casadi.det(casadi.densify(matrix)) if chains else casadi.SX(1)
     vanishing = tuple(each for chain in chains for each in chain[0])
+    kept = {name: chain[0] for name, chain in zip(on.values(), chains[-len(on) :], strict=False)}
     field = _reduced(system, put[0], vanishing, near)
-    return Loop(modes, field, put[1], multipliers, vanishing, own, convexity, regular)
+    return Loop(modes, field, put[1], multipliers, vanishing, kept, own, convexity, regular)
 
 
 def _reduced(
@@ -210,32 +213,46 @@ def _reduced(
     Motions on the arc are those of either field. But of this one a rate that is zero is zero, and
     enclosures of it are less wide.
     """
-    z, put, constant = system.z, dict[int, Expr](), set[int]()
-    places = range(system.x.numel(), 2 * system.x.numel())
-    for each in sorted(
-        vanishing, key=lambda e: sum(casadi.depends_on(e, z[i]) for i in range(z.numel()))
-    ):
-        left = _put(z, each, put)
-        held = [i for i in range(z.numel()) if casadi.depends_on(left, z[i])]
-        slopes = {i: casadi.simplify(casadi.jacobian(left, z[i])) for i in held}
-        affine = [i for i in held if not casadi.depends_on(slopes[i], z[i])]
-        if len(held) > 1:
-            affine = [i for i in affine if i in places]
-        sizes = {i: float(np.abs(near(slopes[i])).min()) for i in affine}
-        if not sizes or not max(sizes.values()) > 0.0:
-            continue
-        chosen = max(sizes, key=lambda i: sizes[i])
-        own = -casadi.substitute(left, z[chosen], 0) / slopes[chosen]
-        if len(held) == 1:
-            constant.add(chosen)
-        put = {i: _put(z, value, {chosen: own}) for i, value in put.items()} | {chosen: own}
-    found = _put(z, field, put)
-    for i in constant:
-        found[i] = 0
+    z, places = system.z, range(system.x.numel(), 2 * system.x.numel())
+    put = determined(z, vanishing, near, lambda i, alone: alone or i in places)
+    found = put_in(z, field, put)
+    for i, value in put.items():
+        if not casadi.depends_on(value, z):
+            found[i] = 0
     return casadi.sparsify(found)
 
 
-def _put(z: Expr, expression: Expr, put: Mapping[int, Expr]) -> Expr:
+def determined(
+    z: Expr,
+    vanishing: Sequence[Expr],
+    near: Callable[[Expr], np.ndarray],
+    chosen: Callable[[int, bool], bool],
+) -> dict[int, Expr]:
+    """Return entries of z by place as what they have to be in the others where expressions vanish
+    that are affine in them: one of every expression that has such, the one that enters it most.
+
+    `chosen` tells whether an entry may be, by its place, and by whether it stands alone.
+    """
+    put = dict[int, Expr]()
+    for each in sorted(
+        vanishing, key=lambda e: sum(casadi.depends_on(e, z[i]) for i in range(z.numel()))
+    ):
+        left = put_in(z, each, put)
+        held = [i for i in range(z.numel()) if casadi.depends_on(left, z[i])]
+        slopes = {i: casadi.simplify(casadi.jacobian(left, z[i])) for i in held}
+        affine = [i for i in held if not casadi.depends_on(slopes[i], z[i])]
+        affine = [i for i in affine if chosen(i, len(held) == 1)]
+        sizes = {i: float(np.abs(near(slopes[i])).min()) for i in affine}
+        if not sizes or not max(sizes.values()) > 0.0:
+            continue
+        most = max(sizes, key=lambda i: sizes[i])
+        own = -casadi.substitute(left, z[most], 0) / slopes[most]
+        put = {i: put_in(z, value, {most: own}) for i, value in put.items()} | {most: own}
+    return put
+
+
+def put_in(z: Expr, expression: Expr, put: Mapping[int, Expr]) -> Expr:
+    """Return an expression with entries of z as what they are by place."""
     return casadi.substitute(expression, column(z[i] for i in put), column(put.values()))
 
 
