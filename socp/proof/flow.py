@@ -172,18 +172,22 @@ class State:
 @final
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """The boxes that contain a motion where a step begins and during it, and how long it is."""
+    """The boxes that contain a motion where a step begins and during it, and how long it is; the
+    Taylor series of the motion from there to `SLOPES`, and from all of it to `ORDER`.
+    """
 
     motion: Motion
     start: list[Ball]
     during: list[Ball]
     h: Ball
+    near: list[Any]
+    wide: list[Any]
 
     @once
     def parts(self, count: int) -> list[list[Ball]]:
         """Return boxes that contain the motion during so many equal parts of the step."""
         near = [coefficients(each, ORDER) for each in self.motion.series(self.start, ORDER)]
-        last = [coefficients(e, ORDER + 1) for e in self.motion.series(self.during, ORDER)]
+        last = [coefficients(each, ORDER + 1) for each in self.wide]
         found, flint().ctx.cap = [], 1
         for k in range(count):
             t = (self.h * k / count).union(self.h * (k + 1) / count)
@@ -208,8 +212,9 @@ def step(motion: Motion, state: State, h: Ball) -> tuple[State, Stage] | None:
         horner(coefficients(each, ORDER), h) + top * power
         for each, top in zip(near, last, strict=True)
     ]
-    moved = _slope(motion, motion.series(box, SLOPES), wide, h) * state.frame
-    return _carried(state, end, moved), Stage(motion, box, during, h)
+    begins = motion.series(box, SLOPES)
+    moved = _slope(motion, begins, wide, h) * state.frame
+    return _carried(state, end, moved), Stage(motion, box, during, h, begins, wide)
 
 
 def nearly(motion: Motion, state: State, h: Ball) -> tuple[State, Stage]:
@@ -217,7 +222,9 @@ def nearly(motion: Motion, state: State, h: Ball) -> tuple[State, Stage]:
     near = motion.series(state.middle, ORDER)
     end = [horner(coefficients(each, ORDER), h).mid() for each in near]
     frame = horner(evolved(motion.matrices(near, SLOPES), state.frame, SLOPES - 1), h).mid()
-    return State(end, frame, state.spread, state.slopes), Stage(motion, state.middle, end, h)
+    return State(end, frame, state.spread, state.slopes), Stage(
+        motion, state.middle, end, h, near, near
+    )
 
 
 def _carried(state: State, end: list[Ball], moved: Matrix) -> State:

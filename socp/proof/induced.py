@@ -8,7 +8,7 @@ the adjoint equation of F, so that the Lagrangian is stationary; its second deri
 Y, Y' = F_X Y, is the integral of Y' K_XX Y, K = L + P . F, and what ends and joints add.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, final
@@ -18,12 +18,10 @@ import casadi
 from socp.model import Expr, column
 from socp.proof.balls import Ball, Compiled, Matrix, coefficients, compiled, flint
 from socp.proof.chain import Chain, Piece, looks
-from socp.proof.flow import Stage
+from socp.proof.flow import SLOPES, Stage
 from socp.proof.krawczyk import Proved, Shot
 from socp.proof.linear import bent, horner, identity
 from socp.proof.steering import Steered, steered
-
-_ORDER = 8  # of Taylor's formula: steps are made for a higher one, and some digits are enough
 
 
 @final
@@ -94,10 +92,10 @@ class Part:
     def matrices(self, series: Sequence[Any]) -> tuple[list[Matrix], list[Matrix]]:
         """Return the Taylor coefficients of F_X and K_XX along series of z and alpha."""
         function, places, n = self.entries
-        flint().ctx.cap = _ORDER
-        values = [coefficients(each, _ORDER) for each in function.call(series)]
+        flint().ctx.cap = SLOPES
+        values = [coefficients(each, SLOPES) for each in function.call(series)]
         found: tuple[list[Matrix], list[Matrix]] = [], []
-        for k in range(_ORDER):
+        for k in range(SLOPES):
             both = flint().arb_mat(n, n), flint().arb_mat(n, n)
             for (row, at), its in zip(places, values, strict=True):
                 both[row // n][row % n, at] = its[k]
@@ -149,10 +147,10 @@ def way(part: Part, stages: Sequence[Stage], corner: Sequence[Ball], alpha: list
     ends = _balls(part.ends.call([*corner, *alpha]))
     made: list[tuple[Matrix, Matrix]] = []
     for stage in reversed(stages):
-        series = [stage.motion.series(z, _ORDER - 1) for z in (stage.start, stage.during)]
+        series = stage.near, stage.wide
         alpha, carried = _carried(part, series, alpha, stage.h)
         near, wide = (part.matrices([*a, *b]) for a, b in zip(series, carried, strict=True))
-        made.append(bent((near[0], wide[0]), (near[1], wide[1]), stage.h, _ORDER))
+        made.append(bent((near[0], wide[0]), (near[1], wide[1]), stage.h, SLOPES))
     frame = slopes = identity(n)
     steps = []
     for slope, form in reversed(made):
@@ -160,7 +158,7 @@ def way(part: Part, stages: Sequence[Stage], corner: Sequence[Ball], alpha: list
         moved = slope * frame
         frame = moved.mid()
         slopes = slopes + frame.inv() * (moved - frame) * slopes
-    rate, pull = (module.arb_mat(n, 1, part_) for part_ in (ends[:n], ends[n:]))
+    rate, pull = (module.arb_mat(n, 1, each) for each in (ends[:n], ends[n:]))
     return Way(alpha, steps, frame * slopes, rate, pull)
 
 
@@ -175,8 +173,8 @@ def _carried(
     found: tuple[list[Any], list[Any]] = [], []
     if not alpha:
         return begins, found
-    module.ctx.cap = _ORDER
-    rates = [[coefficients(e, _ORDER) for e in part.multipliers.call(its)] for its in series]
+    module.ctx.cap = SLOPES
+    rates = [[coefficients(e, SLOPES) for e in part.multipliers.call(its)] for its in series]
     for k, symbols in enumerate(part.alpha.values()):
         near, wide = (each[k] for each in rates)
         for _ in range(symbols.numel()):
@@ -362,7 +360,9 @@ def _both(
     """
     found = casadi.jacobian(rows, symbols[0]), casadi.hessian(weighted, symbols[0])[0]
     slopes, form = (
-        flint().arb_mat(*each.shape, _balls(compiled(casadi.vec(each.T), symbols[1], values).call(at)))
+        flint().arb_mat(
+            *each.shape, _balls(compiled(casadi.vec(each.T), symbols[1], values).call(at))
+        )
         for each in found
     )
     return slopes, form

@@ -31,32 +31,34 @@ def around_one(matrix: Matrix, h: Ball) -> Matrix:
     """
     n, arb = matrix.nrows(), flint().arb
     bounds = [[matrix[i, j].abs_upper() for j in range(n)] for i in range(n)]
-    floats = np.array([[float(each) for each in row] for row in bounds])
-    best = None
-    for least in _LEAST:
-        s = [arb(float(each)) for each in _sizes(floats, least)]
-        norm = max(
-            (sum((b * s[j] for j, b in enumerate(row)), arb(0)) / s[i]).upper()
-            for i, row in enumerate(bounds)
-        )
-        growth = ((norm * h).exp() - 1).abs_upper()
-        if best is None or growth / least < best[0]:
-            best = growth / least, growth, s
-    growth, s = best[1:] if best else (arb(0), [])
+    s = [arb(each) for each in _sizes(np.array([[float(b) for b in row] for row in bounds]), h)]
+    norm = max(
+        (sum((b * s[j] for j, b in enumerate(row)), arb(0)) / s[i]).upper()
+        for i, row in enumerate(bounds)
+    )
+    growth = ((norm * h).exp() - 1).abs_upper()
     entries = [arb(int(i == j), (growth * s[i] / s[j]).upper()) for i in range(n) for j in range(n)]
     return flint().arb_mat(n, n, entries)
 
 
-def _sizes(matrix: np.ndarray, least: float) -> np.ndarray:
-    """Return sizes from `least` to 1 for which a norm of a matrix is nearly the least it can be, by
-    the power method (Perron).
+def _sizes(matrix: np.ndarray, h: Ball) -> list[float]:
+    """Return sizes of which the largest is 1 and for which a norm of a matrix is nearly the least
+    it can be, by the power method (Perron); of several limits of how small the others may be, the
+    one that leaves the largest entry of what is contained least.
     """
-    size = np.ones(len(matrix))
+    least = np.array(_LEAST)
+    size = np.ones((len(matrix), least.size))
     with np.errstate(all="ignore"):
         for _ in range(_PERRON):
             moved = matrix @ size
-            size = np.maximum(np.sqrt(size * moved / max(moved.max(), TINY)), least)
-    return size if np.isfinite(size).all() else np.ones(len(matrix))
+            size = np.maximum(np.sqrt(size * moved / np.maximum(moved.max(axis=0), TINY)), least)
+        norms = (matrix @ size / size).max(axis=0)
+        spread = np.expm1(norms * float(h.abs_upper())) / least
+    fine = np.isfinite(size).all(axis=0) & np.isfinite(spread)
+    if not fine.any():
+        return [1.0] * len(matrix)
+    found: list[float] = size[:, int(np.argmin(np.where(fine, spread, np.inf)))].tolist()
+    return found
 
 
 def evolved(matrices: Sequence[Matrix], first: Matrix, order: int) -> list[Matrix]:
@@ -79,16 +81,13 @@ def bent(
     """
     near = evolved(slopes[0], identity(slopes[0][0].nrows()), order - 1)
     wide = evolved(slopes[1], around_one(slopes[1][0], h), order)
-    found = [_integrand(forms[0], near, k) for k in range(order - 1)]
-    found.append(_integrand(forms[1], wide, order - 1))
+    found: list[Matrix] = []
+    for form, its, count in ((forms[0], near, order - 1), (forms[1], wide, order)):
+        inner = [_cauchy(form, its, k) for k in range(count)]
+        turned = [each.transpose() for each in its[:count]]
+        found += [_cauchy(turned, inner, k) for k in range(len(found), count)]
     grown = [each * (flint().arb(1) / (k + 1)) for k, each in enumerate(found)]
     return horner([*near, wide[-1]], h), horner(grown, h) * h
-
-
-def _integrand(forms: Sequence[Matrix], way: Sequence[Matrix], k: int) -> Matrix:
-    """Return the k-th coefficient of V' B V."""
-    inner = [_cauchy(forms, way, j) for j in range(k + 1)]
-    return _cauchy([each.transpose() for each in way[: k + 1]], inner, k)
 
 
 def _cauchy(left: Sequence[Matrix], right: Sequence[Matrix], k: int) -> Matrix:

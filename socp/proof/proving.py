@@ -1,10 +1,12 @@
 """That an extremal exists: the word's equations have exactly one solution in a box, and it
-satisfies every condition of Pontryagin's principle.
+satisfies every condition of Pontryagin's principle; and that it is a minimum of its word.
 """
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from decimal import ROUND_FLOOR, Context
 from typing import Any, final
 
 from socp.errors import SolveError
@@ -13,6 +15,7 @@ from socp.proof.balls import Ball, compiled, flint, precision
 from socp.proof.chain import chain
 from socp.proof.hamilton import Hamiltonian
 from socp.proof.krawczyk import Proved, Shot, tested
+from socp.proof.minimum import curved
 from socp.proof.signs import Signs
 
 BITS = 128  # of the balls: what enclosures lose over some hundred steps leaves half of them
@@ -21,6 +24,38 @@ BITS = 128  # of the balls: what enclosures lose over some hundred steps leaves 
 _NEAR = 1e-6
 _UP = 1.01  # times a radius before it is rounded to three digits
 _SHOWN = 18  # digits of an enclosure that are told
+_DOWN = Context(prec=6, rounding=ROUND_FLOOR)  # what is told of a curvature is no more than it is
+# What a proof may meet: a condition that is not shown, or arithmetic without a result
+_FAILURES = (SolveError, ArithmeticError, ValueError, RecursionError)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class LeastCurvature:
+    """Whether the extremal was proved to be a strict local minimum among the controls of its word,
+    else why not.
+
+    `free` directions are left by the conditions of the word's problem; `least` is what the
+    curvature is at least along each, in units of the objective for changes of norm 1, lengths
+    measured in horizons, initial states in their magnitudes; None where no direction is free.
+    """
+
+    free: int = 0
+    least: float | None = None
+    reason: str = ""
+    seconds: float = 0.0
+
+    @property
+    def text(self) -> str:
+        """What is proved, or why it is not."""
+        if self.reason:
+            return f"not proved: {self.reason}"
+        proved = "local minimum of the word (proved)"
+        if self.least is None:
+            return f"{proved}: no direction is free"
+        directions = "1 direction" if self.free == 1 else f"{self.free} directions"
+        least = _DOWN.create_decimal(self.least)
+        return f"{proved}: least curvature at least {least}, {directions} free"
 
 
 @final
@@ -31,7 +66,7 @@ class Existence:
     Enclosures are (middle, radius) as decimals; `times` are those of the joints between arcs and of
     the end; `radius` is that of the box of unknowns with exactly one solution, `contraction` the
     norm of Krawczyk's operator on it. `shown` names the conditions, `numbers` how numbers of the
-    problem were read where they are no short decimals.
+    problem were read where they are no short decimals, `minimum` whether it is one of its word.
     """
 
     problem: str
@@ -46,6 +81,7 @@ class Existence:
     bits: int = BITS
     shown: tuple[str, ...] = ()
     numbers: Mapping[str, str] = field(default_factory=dict)
+    minimum: LeastCurvature = field(default_factory=LeastCurvature)
     seconds: float = 0.0
 
     @property
@@ -63,7 +99,11 @@ class Existence:
             f"balls of {self.bits} bits"
         )
         margin = abs(middle - solution.objective) + radius
-        return (Proof(rung=Rung.EXISTS, margin=margin, statement=statement),)
+        found = Proof(rung=Rung.EXISTS, margin=margin, statement=statement)
+        if self.minimum.reason:
+            return (found,)
+        least = math.inf if self.minimum.least is None else self.minimum.least
+        return (found, Proof(rung=Rung.WORD, margin=least, statement=self.minimum.text))
 
     @property
     def data(self) -> dict[str, Any]:
@@ -83,6 +123,7 @@ class Existence:
             *(("arc ends", _written(each)) for each in self.times),
             ("existence", f"{named} {self.radius:.1e}, contraction {self.contraction:.1e}"),
             ("conditions", "; ".join(self.shown)),
+            ("minimum", self.minimum.text),
         ]
         read = ", ".join(f"{text} as {number}" for text, number in self.numbers.items())
         found += [("numbers", f"read {read}")] if read else []
@@ -114,13 +155,29 @@ def prove(problem: Problem, solution: Solution, bits: int = BITS) -> Existence:
             shown = Signs(shot, proved).check()
             step = "comparison with the result"
             _same(problem, solution, shot, proved)
-            found = _told(empty, shot, proved)
-    except (SolveError, ArithmeticError, ValueError, RecursionError) as error:
-        reason = str(error) or type(error).__name__
-        return replace(empty, step=step, reason=reason, seconds=time.perf_counter() - began)
+            found = replace(
+                _told(empty, shot, proved), minimum=_minimum(problem, solution, shot, proved)
+            )
+    except _FAILURES as error:
+        seconds = time.perf_counter() - began
+        return replace(empty, step=step, reason=_reason(error), seconds=seconds)
     read = {repr(float(each)): str(each) for each in system.numbers.values.values() if each.pi}
     seconds = time.perf_counter() - began
     return replace(found, shown=tuple(shown), numbers=read, seconds=seconds)
+
+
+def _reason(error: Exception) -> str:
+    return str(error) or type(error).__name__
+
+
+def _minimum(problem: Problem, solution: Solution, shot: Shot, proved: Proved) -> LeastCurvature:
+    began = time.perf_counter()
+    try:
+        found = curved(problem, solution, shot, proved)
+    except _FAILURES as error:
+        return LeastCurvature(reason=_reason(error), seconds=time.perf_counter() - began)
+    least = float(found.least.lower()) if found.free else None
+    return LeastCurvature(free=found.free, least=least, seconds=time.perf_counter() - began)
 
 
 def _told(empty: Existence, shot: Shot, proved: Proved) -> Existence:

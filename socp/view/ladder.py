@@ -42,7 +42,7 @@ def rung_texts(solution: "Solution") -> Iterator[tuple[str, bool, str]]:
         if step.figure is not None and step.allowed is not None:
             sign = "above" if step.rung in {Rung.WORD, Rung.STRONG} else "at most"
             figure = f"{step.figure:.1e}, {sign} {step.allowed:.1e}"
-        elif step.figure is not None and step.rung not in {Rung.BEST, Rung.GLOBAL}:
+        elif step.rung not in {Rung.BEST, Rung.GLOBAL} and step.figure not in {None, math.inf}:
             figure = f"{step.figure:.1e}"
         yield _rung(step), step.holds, "; ".join(filter(None, (figure, step.why)))
 

@@ -105,14 +105,17 @@ def reaches(solution: "Solution", rung: Rung) -> bool:
 
 def top_steps(solution: "Solution") -> list[Step]:
     """Return the highest step that holds of every branch, the local one first, which may be the
-    trunk's.
+    trunk's, and what is proved where what stands on it is not.
     """
     held, local = [step for step in ladder_steps(solution) if step.holds], rung_of(solution)
     return [
         step
         for step in held
         if step.rung is local
-        or not any(each is not step and each.rung.implies(step.rung) for each in held)
+        or not any(
+            each is not step and each.rung.implies(step.rung) and each.proved >= step.proved
+            for each in held
+        )
     ]
 
 
