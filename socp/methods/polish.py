@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from socp.model import TINY, Agreement, Problem, Solution
-from socp.transcription import Shooting, follow, rejoin
+from socp.transcription import Shooting, rejoin, residuals
 from socp.verdict import settled, word_problem
 
 
@@ -34,17 +34,16 @@ def polished(
     known = word_problem(problem, solution, points)
     if known is None or known.steps is None:
         return None
-    steps, met = known.steps, active or frozenset()
-    coarse, finer = (known.conditions(count, active=met) for count in (steps, 2 * steps))
+    coarse, finer = (known.conditions(times, active=active or frozenset()) for times in (1.0, 2.0))
     arcs = known.solution.arcs
     first = None
     if ahead is not None and [len(a.t) for a in arcs] == [len(a.t) for a in ahead.arcs]:
-        first = Shooting(known.phased, ahead, steps).start
-    there = settled(coarse, far=active is not None, start=first)
+        first = Shooting(known.phased, ahead, ()).start
+    there = settled(coarse, far=active is not None, start=first, near=known.start(coarse))
     if there is None or there.system.open(np.eye(there.at.size)).any():
         return None
     moved, _ = there.system.step(*finer.values(there.at, there.held)[:2])
-    cost = finer.values(there.at + moved, there.held)[2]
+    cost = residuals(finer.shooting, there.at + moved)[1]
     agreement = Agreement(
         objective=abs(cost - there.cost) / max(abs(cost), TINY),
         switches=float(np.abs(np.cumsum(moved[: 1 + len(arcs)])).max()),
@@ -55,12 +54,10 @@ def polished(
 
 
 def limits_met(
-    problem: Problem, solution: Solution, origin: Problem
+    solution: Solution, origin: Problem, points: int = 10
 ) -> frozenset[tuple[str, float]]:
     """Return the limits, by name and sign, that a solution along a word meets at its ends in the
     problem that it is one of, `origin`; a neighbouring problem has them under the same names.
-
-    Raises MethodError where a law of the word cannot be had.
     """
-    phased = replace(follow(problem, solution.followed, solution), of=origin)
-    return frozenset((row.name, row.sign) for row in Shooting(phased, solution, 1).ends if row.sign)
+    known = word_problem(origin, solution, points)
+    return frozenset() if known is None else known.limits

@@ -11,7 +11,7 @@ import casadi
 import numpy as np
 
 from socp.errors import ProblemError
-from socp.model import advice, checks, keys
+from socp.model import advice, checks, keys, ranges
 from socp.model.data import changes, constants, portable
 from socp.model.data.constants import Constant, Formula
 from socp.model.data.stated import TEXTS
@@ -28,6 +28,7 @@ from socp.model.symbols import (
 )
 
 _TIMES = ("time", "t", "t0", "tf")  # names of the time and of its ends
+_NUMBERS = {"bounds", "start", "end", "initial_time", "final_time"}  # what holds nothing else
 _BESIDE = {*TEXTS, "name", "units", "guess", "scene", "reference"}  # what defines no problem
 
 
@@ -142,11 +143,29 @@ class Problem:
             found, values = changes.changed(written, own, symbols, told)
         except ProblemError as error:
             raise ProblemError(f"problem '{self.name}': {error}") from None
-        if {name.partition(".")[0] for name in told} - _BESIDE:
+        heads = {name.partition(".")[0] for name in told}
+        if heads - _BESIDE:
             found["reference"] = told.get("reference")
+        if known is None and heads <= _NUMBERS:
+            numbers = {name: constants.numbers_in(found[name]) for name in heads}
+            if all(_alike(getattr(self, name), new) for name, new in numbers.items()):
+                return self._valued(numbers)
         if known is not None:
             known = Formula({**known.values, **values}, {}, {})
         return Problem(**found, formula=known)
+
+    def _valued(self, numbers: Mapping[str, Any]) -> "Problem":
+        """Return the problem with other numbers in the same places: what was checked of formulas
+        and names holds for it as well.
+        """
+        found = object.__new__(Problem)
+        tables = {k: MappingProxyType(v) if k in keys.TABLES else v for k, v in numbers.items()}
+        vars(found).update(self._arguments, **tables, reference=None, formula=None)
+        try:
+            ranges.check(vars(found))
+        except ProblemError as error:
+            raise ProblemError(f"problem {keys.label(self.name)}: {error}") from None
+        return found
 
     # -- as data
 
@@ -341,6 +360,13 @@ class Problem:
         return tuple(
             EndCondition(name, *relation(c, f"target '{name}'")) for name, c in self.target.items()
         )
+
+
+def _alike(known: Any, other: Any) -> bool:
+    """Tell whether a field that is no table stays none, or a table holds what it has held."""
+    if not isinstance(known, Mapping) or not isinstance(other, Mapping):
+        return not isinstance(known, Mapping) and not isinstance(other, Mapping)
+    return len(known) == len(other) and all(key in known for key in other)
 
 
 @lru_cache(

@@ -82,7 +82,7 @@ def continued(
     failures = np.linalg.LinAlgError, ValueError, ArithmeticError, MethodError
     with np.errstate(all="ignore"), suppress(*failures):
         # far from home Newton may overflow on its way to nowhere
-        active = limits_met(problem, guess, origin)
+        active = limits_met(guess, origin)
         found = polished(problem, _unjudged(problem, guess), active=active, ahead=ahead)
     return found
 

@@ -65,7 +65,7 @@ class _Way:
         known = word_problem(problem, now.solution, _POINTS)
         if known is None or known.steps is None:
             raise ArithmeticError
-        active = limits_met(problem, now.solution, problem)
+        active = limits_met(now.solution, problem)
         return cls(walk, now.value, now.solution, active, known.steps)
 
     def laid(self, value: float) -> WordProblem:

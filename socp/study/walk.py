@@ -87,8 +87,7 @@ class Walk:
         if value not in self.problems:
             while len(self.problems) > STEPS:
                 del self.problems[next(iter(self.problems))]
-            near = next(reversed(self.problems.values()), None)
-            self.problems[value] = self.family.at({self.name: value}, near)
+            self.problems[value] = self.family.at({self.name: value})
         return self.problems[value]
 
     def tell(self, value: float, word: str) -> None:

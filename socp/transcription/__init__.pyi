@@ -13,6 +13,7 @@ from .knots import equidistributed as equidistributed
 from .knots import knot_times as knot_times
 from .knots import knotted as knotted
 from .linearised import Linearised as Linearised
+from .linearised import residuals as residuals
 from .mesh import Mesh as Mesh
 from .mesh import Table as Table
 from .mesh import refined_meshes as refined_meshes

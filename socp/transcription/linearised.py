@@ -36,10 +36,31 @@ class Span:
         change[:, nz, nz + 1 + k] = shares[:-1]
         change[:, nz + 1, nz + 1 + k] = np.diff(shares)
         change[:, nz + 2 :, nz + 2 + k :] = np.eye(count)
-        t, h = w[: 1 + k].sum() + w[1 + k] * shares[:-1], w[1 + k] * np.diff(shares)
-        p = w[1 + len(shooting.pairs) :][:count, None]
-        given = [w[block.variables[:-1]].T, t[None, :], h[None, :], p]
-        return cls(shooting.motions[k].sweep(given, shooting.steps), columns, change)
+        given = begun(shooting, k, w)
+        return cls(shooting.motions[k].sweep(given, shooting.steps[k]), columns, change)
+
+
+def begun(shooting: Shooting, k: int, w: np.ndarray) -> list[np.ndarray]:
+    """Return what the n intervals of phase k begin with at variables w: z (nz, n), t (1, n), h
+    (1, n), p (np, 1).
+    """
+    block, first = shooting.blocks[k], 1 + len(shooting.pairs)
+    t = w[: 1 + k].sum() + w[1 + k] * block.shares[:-1]
+    h, p = w[1 + k] * np.diff(block.shares), w[first : first + shooting.phased.of.p.numel()]
+    return [w[block.variables[:-1]].T, t[None, :], h[None, :], p[:, None]]
+
+
+def residuals(shooting: Shooting, w: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the equations (m,) and the cost at variables w (n,), without their slopes."""
+    given, cost, *_ = numbers(shooting.joined[0], w)
+    equations, objective = np.zeros(shooting.signs.size), float(cost[0, 0])
+    equations[shooting.others] = given[:, 0] - shooting.levels
+    for k, block in enumerate(shooting.blocks):
+        z, t, h, p = begun(shooting, k, w)
+        ends = shooting.motions[k].moved(z, t[0], h[0], p[:, 0], shooting.steps[k])[-1][:-1]
+        equations[block.equations] = ends[:-1].T - w[block.variables[1:]]
+        objective += float(ends[-1].sum())
+    return equations, objective
 
 
 @final
@@ -62,7 +83,8 @@ class Linearised:
         """Return what the equations are at variables w (n,)."""
         given, cost, joined, at_ends = numbers(shooting.joined[0], w)
         equations, slopes = np.zeros(shooting.signs.size), np.zeros((shooting.signs.size, w.size))
-        equations[shooting.others], slopes[shooting.others] = given[:, 0], joined
+        equations[shooting.others] = given[:, 0] - shooting.levels
+        slopes[shooting.others] = joined
         objective, gradient, spans = float(cost[0, 0]), at_ends[:, 0], []
         for k, block in enumerate(shooting.blocks):
             spans.append(span := Span.of(shooting, k, w))

@@ -4,7 +4,7 @@ It shares neither nodes nor arithmetic with the collocated programmes, so that a
 means something.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
@@ -16,13 +16,16 @@ from socp.model import (
     TINY,
     Arc,
     Expr,
+    Problem,
     Solution,
     column,
     condition_function,
     condition_slopes,
     end_values,
+    lately,
     mayer_function,
     numbers,
+    of_motion,
     parameters_of,
     scales,
     time,
@@ -33,21 +36,21 @@ from socp.transcription.phases import Phase, PhasedProblem
 _ACTIVE = (
     1e-7  # of sizes: an inequality at an end as near as this to its limit is taken for an equation
 )
+_KEPT = 4  # shapes of a problem whose functions are kept: a search goes to and fro between two
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class EndRow:
-    """An expression that vanishes at the ends of the horizon: a value less the one that it is held
-    at, by the name of the value, `start.x`, `end.x`, a parameter's, `initial_time`, `final_time`,
-    or `target.` and a condition's.
+    """What has a `level` at the ends of the horizon, by its name: `start.x`, `end.x`, a
+    parameter's, `initial_time`, `final_time`, or `target.` and a condition's, whose level is 0.
 
     Of an active inequality, sign times multiplier must not be negative; the sign of an equation is
     0.
     """
 
     name: str
-    expression: Expr
+    level: float
     sign: float
 
 
@@ -71,19 +74,19 @@ class Shooting:
 
     The variables w are the initial time, the phases' lengths, the parameters, and for every phase
     the states (with what it carries) at the ends of the intervals of its arc's mesh; over each of
-    these the motion is integrated in `steps` steps by the formula of order 8 of Dormand and Prince
-    (Hairer, Norsett, Wanner, Solving ODEs I, II.5). Inequalities at the ends that are within `near`
-    of their limits, relative to the sizes of the states, are taken for equations; so are those of
-    the `active` rows, by name and sign, however far they are.
+    these the motion is integrated in `steps` steps, so many a phase, by the formula of order 8 of
+    Dormand and Prince (Hairer, Norsett, Wanner, Solving ODEs I, II.5). Inequalities at the ends
+    that are within `near` of their limits, relative to the sizes of the states, are taken for
+    equations; so are those of the `active` rows, by name and sign, however far they are.
     """
 
     phased: PhasedProblem
     solution: Solution
-    steps: int
+    steps: tuple[int, ...]
     near: float = _ACTIVE
     active: frozenset[tuple[str, float]] = frozenset()
 
-    def in_steps(self, steps: int) -> "Shooting":
+    def in_steps(self, steps: tuple[int, ...]) -> "Shooting":
         """Return the same equations with so many steps an interval, on which nothing that they are
         made of depends: both have that.
         """
@@ -145,7 +148,7 @@ class Shooting:
             variables = at + np.arange(rows * count).reshape(count, rows)
             equations = row + np.arange(rows * (count - 1)).reshape(count - 1, rows)
             found.append(Block(variables, equations, shares))
-            row += equations.size + (nx if k else 0) + self.held[k].numel()
+            row += equations.size + (nx if k else 0) + self.counts[k]
             at += variables.size
         return found
 
@@ -156,8 +159,7 @@ class Shooting:
         """
         count = self.others.size + sum(each.equations.size for each in self.blocks)
         found = np.zeros(count)
-        if self.ends:
-            found[-len(self.ends) :] = [row.sign for row in self.ends]
+        found[count - len(self.ends) :] = [row.sign for row in self.ends]
         return found
 
     @cached_property
@@ -168,30 +170,35 @@ class Shooting:
         nx, found, row = self.phased.of.x.numel(), [], 0
         for k, block in enumerate(self.blocks):
             row += block.equations.size
-            more = (nx if k else 0) + self.held[k].numel()
+            more = (nx if k else 0) + self.counts[k]
             found.append(row + np.arange(more))
             row += more
         return np.concatenate([*found, row + np.arange(len(self.ends))]).astype(int)
 
     @cached_property
     def joined(self) -> tuple[casadi.Function, casadi.Function]:
-        """Functions of what is none of the motion: w -> equations, Mayer term and their slopes, and
-        (w, multipliers) -> the Hessian of both.
+        """Functions of what is none of the motion: w -> equations, but for the levels of those of
+        the ends, Mayer term and their slopes, and (w, multipliers) -> the Hessian of both. What
+        differs in values alone shares them.
         """
-        nx, (t0, lengths, p, z) = self.phased.of.x.numel(), self.parts
-        rows: list[Expr] = []
-        for k, held in enumerate(self.held):
-            rows += [z[k][:nx, 0] - z[k - 1][:nx, -1]] if k else []
-            rows.append(held)
-        equations = casadi.vertcat(*rows, *(row.expression for row in self.ends))
-        ends = [z[-1][:nx, -1], z[0][:nx, 0], p, t0, t0 + casadi.sum1(lengths)]
-        cost, by = mayer_function(self.phased.of)(*ends), casadi.MX.sym("l", self.others.size)
-        slopes = [casadi.jacobian(equations, self.w), casadi.gradient(cost, self.w)]
-        hessian = casadi.hessian(cost + casadi.dot(by, equations), self.w)[0]
-        return (
-            casadi.Function("joined", [self.w], [equations, cost, *slopes]),
-            casadi.Function("bent", [self.w, by], [hessian]),
-        )
+        phases = self.phased.phases
+        held = [e.element_hash() for f in phases for e in column((*f.entry, *f.exit)).elements()]
+        shape = [(len(f.entry), f.carried.numel(), a.mesh.size) for f, a in self.pairs]
+        key = (*held, *shape, *(row.name for row in self.ends))
+        # with the phases their expressions stay, by whose places in memory they are told apart
+        return lately(self.phased.of, _joined, key, lambda: (phases, _joined(self)), _KEPT)[1]
+
+    @cached_property
+    def levels(self) -> np.ndarray:
+        """What the values of `joined` have to be (k,): the levels of the ends, zero elsewhere."""
+        found = np.zeros(self.others.size)
+        found[found.size - len(self.ends) :] = [row.level for row in self.ends]
+        return found
+
+    @cached_property
+    def counts(self) -> list[int]:
+        """Of every phase how many expressions vanish where it begins and where it ends."""
+        return [column((*f.entry, *f.exit)).numel() for f in self.phased.phases]
 
     @cached_property
     def held(self) -> list[Expr]:
@@ -226,69 +233,71 @@ class Shooting:
         return np.array(variables, dtype=int), np.array(equations, dtype=int)
 
     @cached_property
+    def at_ends(self) -> Expr:
+        """The values (k, 1) of the rows of the ends."""
+        problem, (t0, lengths, p, z) = self.phased.of, self.parts
+        nx, tf = problem.x.numel(), t0 + casadi.sum1(lengths)
+        x0, xf = z[0][:nx, 0], z[-1][:nx, -1]
+        given = casadi.vertsplit(casadi.vertcat(x0, xf, p, t0, tf))
+        values = dict(zip(_end_names(problem), given, strict=True))
+        values |= {
+            f"target.{each.name}": condition_function(problem, each)(xf, x0, p, t0, tf)
+            for each in problem.conditions
+        }
+        return casadi.vertcat(*(values[row.name] for row in self.ends))
+
+    @cached_property
     def ends(self) -> list[EndRow]:
         """What holds at the ends of the horizon, the last rows of the equations: fixed values,
         active limits, conditions.
         """
-        problem, solution, (t0, lengths, p, z) = self.phased.of, self.solution, self.parts
-        tf = t0 + casadi.sum1(lengths)
-        x0, xf = z[0][: problem.x.numel(), 0], z[-1][: problem.x.numel(), -1]
+        problem, solution = self.phased.of, self.solution
         values = end_values(problem, solution)
         last, first, parameters, *times = values
-        scale, horizon = scales(problem, solution), np.array([times[1] - times[0]])
-        boxes = [np.array([box]).T for box in (problem.initial_time_box, problem.final_time_box)]
-        near = self.near * np.maximum(np.abs(parameters), TINY)
-        starts, stops = (
-            tuple(f"{end}.{name}" for name in problem.state_names) for end in ("start", "end")
-        )
-        rows = [
-            *self._rows(x0, first, problem.start_box, self.near * scale, starts),
-            *self._rows(xf, last, problem.end_box, self.near * scale, stops),
-            *self._rows(p, parameters, problem.parameter_box, near, problem.parameter_names),
-            *self._rows(t0, np.array(times[:1]), boxes[0], self.near * horizon, ("initial_time",)),
-            *self._rows(tf, np.array(times[1:]), boxes[1], self.near * horizon, ("final_time",)),
-        ]
+        scale, horizon = scales(problem, solution), times[1] - times[0]
+        near = [scale, scale, np.maximum(np.abs(parameters), TINY), [horizon, horizon]]
+        boxes = [problem.start_box, problem.end_box, problem.parameter_box]
+        boxes += [np.array([problem.initial_time_box, problem.final_time_box]).T]
+        given = np.concatenate([first, last, parameters, times]), np.hstack(boxes)
+        rows = list(self._rows(*given, self.near * np.concatenate(near)))
         for condition in problem.conditions:
             psi = condition_function(problem, condition)
             slopes = numbers(condition_slopes(problem, condition), *values)
             size = sum(float(np.abs(each[0]) @ scale) for each in slopes[:2])
             name, sign = f"target.{condition.name}", 0.0 if condition.equation else 1.0
-            met = float(psi(*values)) >= -self.near * (size or 1.0)
+            met = float(numbers(psi, *values)[0][0, 0]) >= -self.near * (size or 1.0)
             if condition.equation or met or (name, sign) in self.active:
-                rows.append(EndRow(name, psi(xf, x0, p, t0, tf), sign))
+                rows.append(EndRow(name, 0.0, sign))
         return rows
 
-    def _rows(
-        self,
-        expression: Expr,
-        value: np.ndarray,
-        box: np.ndarray,
-        near: np.ndarray,
-        names: Sequence[str],
-    ) -> list[EndRow]:
-        """Return the entries of an expression that are fixed, or near a limit of their box
-        (2, n).
-        """
-        found = []
-        for i, (low, high) in enumerate(box.T):
+    def _rows(self, value: np.ndarray, box: np.ndarray, near: np.ndarray) -> Iterator[EndRow]:
+        """Yield which values (n,) at the ends are fixed, or near a limit of their box (2, n)."""
+        for name, v, (low, high), size in zip(
+            _end_names(self.phased.of), value, box.T, near, strict=True
+        ):
             if low == high:
-                found.append(EndRow(names[i], expression[i] - low, 0.0))
-            elif value[i] <= low + near[i] or (names[i], -1.0) in self.active:
-                found.append(EndRow(names[i], expression[i] - low, -1.0))
-            elif value[i] >= high - near[i] or (names[i], 1.0) in self.active:
-                found.append(EndRow(names[i], expression[i] - high, 1.0))
-        return found
+                yield EndRow(name, low, 0.0)
+            elif v <= low + size or (name, -1.0) in self.active:
+                yield EndRow(name, low, -1.0)
+            elif v >= high - size or (name, 1.0) in self.active:
+                yield EndRow(name, high, 1.0)
+
+    def split(self, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+        """Return the times (phases + 1,) between the phases, the parameters (np,) and the values
+        (nz, k + 1) of every phase that variables w (n,) are.
+        """
+        count = 1 + len(self.pairs)
+        corners = w[0] + np.append(0.0, np.cumsum(w[1:count]))
+        p = w[count : count + self.phased.of.p.numel()]
+        return corners, p, [w[block.variables].T for block in self.blocks]
 
     def lifted(self, w: np.ndarray, objective: float) -> Solution:
         """Return the motion of variables w (n,) at the nodes of the solution's meshes."""
-        t0, lengths, p, z = self.parts
-        values = numbers(casadi.Function("parts", [self.w], [t0, lengths, p, *z]), w)
-        corners = values[0][0, 0] + np.append(0.0, np.cumsum(values[1]))
+        corners, p, z = self.split(w)
         arcs = tuple(
-            self._arc(k, (corners[k], corners[k + 1]), values[2][:, 0], values[3 + k])
-            for k in range(len(self.pairs))
+            self._arc(k, (corners[k], corners[k + 1]), p, z[k]) for k in range(len(self.pairs))
         )
-        known = dict(zip(self.phased.of.parameter_names, values[2][:, 0].tolist(), strict=True))
+        known = dict(zip(self.phased.of.parameter_names, p.tolist(), strict=True))
         return replace(self.solution, arcs=arcs, objective=objective, parameters=known)
 
     def _arc(self, k: int, span: tuple[float, float], p: np.ndarray, z: np.ndarray) -> Arc:
@@ -300,21 +309,44 @@ class Shooting:
             np.searchsorted(arc.mesh, np.arange(t.size), side="right") - 1, 0, arc.mesh.size - 2
         )
         begin = t[arc.mesh[interval]]
-        found = self.motions[k].moved(z[:, interval], begin, t - begin, p, self.steps)[-1][:-2]
+        found = self.motions[k].moved(z[:, interval], begin, t - begin, p, self.steps[k])[-1][:-2]
         found[:, arc.mesh] = z
         (u,) = numbers(self.motions[k].control, found[:nx], found[nx:], t, p)
         costate = found[nx:] if phase.carried.numel() else arc.costate
         return replace(arc, t=t, x=found[:nx], u=u, costate=costate)
 
 
-def interval_ends(phased: PhasedProblem, start: Solution, steps: int) -> list[np.ndarray]:
-    """Return, a phase at a time, states, what is carried and running cost (nz + 1, k) in which its
-    intervals end.
+@of_motion
+def _joined(shooting: Shooting) -> tuple[casadi.Function, casadi.Function]:
+    nx, (t0, lengths, p, z) = shooting.phased.of.x.numel(), shooting.parts
+    rows: list[Expr] = []
+    for k, held in enumerate(shooting.held):
+        rows += [z[k][:nx, 0] - z[k - 1][:nx, -1]] if k else []
+        rows.append(held)
+    equations = casadi.vertcat(*rows, shooting.at_ends)
+    ends = [z[-1][:nx, -1], z[0][:nx, 0], p, t0, t0 + casadi.sum1(lengths)]
+    w, by = shooting.w, casadi.MX.sym("l", shooting.others.size)
+    cost = mayer_function(shooting.phased.of)(*ends)
+    slopes = [casadi.jacobian(equations, w), casadi.gradient(cost, w)]
+    hessian = casadi.hessian(cost + casadi.dot(by, equations), w)[0]
+    return (
+        casadi.Function("joined", [w], [equations, cost, *slopes]),
+        casadi.Function("bent", [w, by], [hessian]),
+    )
+
+
+def interval_ends(phased: PhasedProblem, start: Solution, k: int, steps: int) -> np.ndarray:
+    """Return states, what is carried and running cost (nz + 1, m) in which the m intervals of phase
+    k end.
     """
-    p, found = parameters_of(phased.of, start), []
-    for phase, arc in zip(phased.phases, start.arcs, strict=True):
-        t = arc.t[arc.mesh]
-        z = np.vstack([arc.x, arc.costate[: phase.carried.numel()]])[:, arc.mesh[:-1]]
-        motion = motion_of(phased.of, phase)
-        found.append(motion.moved(z, t[:-1], np.diff(t), p, steps)[-1][:-1])
-    return found
+    phase, arc, p = phased.phases[k], start.arcs[k], parameters_of(phased.of, start)
+    t = arc.t[arc.mesh]
+    z = np.vstack([arc.x, arc.costate[: phase.carried.numel()]])[:, arc.mesh[:-1]]
+    motion = motion_of(phased.of, phase)
+    return motion.moved(z, t[:-1], np.diff(t), p, steps)[-1][:-1]
+
+
+def _end_names(problem: Problem) -> list[str]:
+    """Return the names of the values at the ends: of states at both, of parameters and times."""
+    states = [f"{end}.{name}" for end in ("start", "end") for name in problem.state_names]
+    return [*states, *problem.parameter_names, "initial_time", "final_time"]

@@ -10,7 +10,19 @@ from typing import Any, final
 import numpy as np
 
 from socp.errors import MethodError
-from socp.model import ACTIVE, Arc, Problem, Solution, Verdict, digits_of, lately, once
+from socp.laws import arc_law
+from socp.model import (
+    ACTIVE,
+    Arc,
+    Problem,
+    Solution,
+    Verdict,
+    cached,
+    digits_of,
+    lately,
+    of_motion,
+    once,
+)
 from socp.transcription import (
     PhasedProblem,
     Shooting,
@@ -19,8 +31,10 @@ from socp.transcription import (
     cut_at_knots,
     follow,
     interval_ends,
+    knot_times,
+    residuals,
 )
-from socp.verdict.newton import AWAY, Conditions
+from socp.verdict.newton import AWAY, Conditions, Settled
 
 # Of the states: steps are doubled until the motion changes by no more; rounding leaves some hundred
 # ulps
@@ -61,51 +75,82 @@ class Accuracy:
 @dataclass(frozen=True, eq=False)
 class WordProblem:
     """The phased problem of a solution's word, its arcs cut where they have to be, with its
-    solution and the number of pieces an arc.
+    solution and the number of pieces an arc; `before` is that of the problem next to it that the
+    solution is one of.
     """
 
     phased: PhasedProblem
     solution: Solution
     pieces: list[int]
+    before: "WordProblem | None" = None
+
+    def of(self, problem: Problem) -> "WordProblem":
+        """Return the word of the same solution for another problem of the same motion."""
+        found = replace(self, phased=replace(self.phased, of=problem), before=self)
+        vars(found)["steps"] = self.steps
+        return found
 
     @cached_property
-    def steps(self) -> int | None:
-        """Steps that an interval takes, None where no number of them settles."""
+    def steps(self) -> tuple[int, ...] | None:
+        """Steps that the intervals of every phase take, None where no number of them settles."""
         return _steps_of(self.phased, self.solution)
 
     def conditions(
         self,
-        steps: int,
+        times: float = 1.0,
         near: float = Shooting.near,
         active: frozenset[tuple[str, float]] = Shooting.active,
     ) -> Conditions:
-        """Return the first-order conditions with so many steps an interval, and as equations the
-        limits at the ends that are so `near` or `active`.
+        """Return the first-order conditions with so many times the steps that intervals take, and
+        as equations the limits at the ends that are so `near` or `active`.
         """
-        return self._conditions(steps, near, active)
-
-    @once
-    def _conditions(
-        self, steps: int, near: float, active: frozenset[tuple[str, float]]
-    ) -> Conditions:
-        return Conditions(self._shooting(near, active).in_steps(steps))
+        steps = tuple(int(times * each) for each in self.steps or ())
+        shooting = self._shooting(near, active)
+        known: dict[tuple[Any, ...], Conditions] = cached(self, WordProblem.conditions)
+        key = steps, *((row.name, row.sign) for row in shooting.ends)
+        if key not in known:
+            known[key] = Conditions(shooting.in_steps(steps))
+        return known[key]
 
     @once
     def _shooting(self, near: float, active: frozenset[tuple[str, float]]) -> Shooting:
-        return Shooting(self.phased, self.solution, 1, near, active)
+        return Shooting(self.phased, self.solution, (), near, active)
+
+    @cached_property
+    def limits(self) -> frozenset[tuple[str, float]]:
+        """The limits, by name and sign, that the solution meets at its ends."""
+        rows = self._shooting(Shooting.near, Shooting.active).ends
+        return frozenset((row.name, row.sign) for row in rows if row.sign)
+
+    @cached_property
+    def fitted(self) -> tuple[Conditions, np.ndarray] | None:
+        """The conditions of the solution with the multipliers (m,) that fit best; None where no
+        number of steps settles, or a limit would rather be left.
+        """
+        for near in (ACTIVE, Shooting.near) if self.steps else ():
+            conditions = self.conditions(near=near)
+            held, signs = (
+                conditions.multipliers(conditions.shooting.start),
+                conditions.shooting.signs,
+            )
+            if (signs * held >= -_SIGN * np.abs(held).max(initial=0.0)).all():
+                return conditions, held
+        return None
 
     @cached_property
     def accuracy(self) -> Accuracy | None:
         """How far the solution is from where the conditions hold, None where no step tells."""
-        if self.steps is None:
+        return None if self.fitted is None else _measured(*self.fitted, self.pieces)
+
+    def start(self, conditions: Conditions) -> Settled | None:
+        """Return where Newton may begin on conditions: where it has settled before, with the matrix
+        there, if these are conditions of the same form.
+        """
+        known = None if self.before is None else self.before.fitted
+        if known is None or known[0].rows != conditions.rows:
             return None
-        for near in (ACTIVE, Shooting.near):
-            conditions = self.conditions(self.steps, near)
-            shooting = conditions.shooting
-            held, signs = conditions.multipliers(shooting.start), shooting.signs
-            if (signs * held >= -_SIGN * np.abs(held).max(initial=0.0)).all():
-                return _measured(conditions, held, self.pieces)
-        return None  # a limit would rather be left: the word's conditions are others
+        at = known[0].shooting.start
+        return Settled(at, known[1], np.nan, known[0].system(at, known[1]))
 
 
 def accuracy(problem: Problem, solution: Solution, points: int = 10) -> Accuracy | None:
@@ -157,7 +202,7 @@ def _measured(conditions: Conditions, held: np.ndarray, pieces: list[int]) -> Ac
     rounding = system.rounding(np.vstack([rows, gradient[None, :]]), held)
     # along the step the conditions change to second order, and so does the Lagrangian, which is the
     # objective there
-    _, left, there = conditions.values(at + moved, held + change)
+    left, there = residuals(shooting, at + moved)
     better = there + float((held + change) @ left)
     times = _THRICE * np.abs(rows @ moved) + rounding[:-1]
     apart = _THRICE * abs(better - shooting.solution.objective) + rounding[-1]
@@ -165,13 +210,28 @@ def _measured(conditions: Conditions, held: np.ndarray, pieces: list[int]) -> Ac
     return Accuracy(np.where(system.open(rows), np.inf, times), float(apart))
 
 
+@of_motion
 def word_problem(problem: Problem, solution: Solution, points: int) -> WordProblem | None:
     """Return the problem of a solution's word, laid out once for the same values; None where there
     is no word, or an arc has no length.
     """
-    # the judge, polish and the second order ask in turns
+    # the judge, polish and the second order ask in turns, and then the next problem
     key = points, *values_of(solution)
+    known: dict[tuple[Any, ...], WordProblem | None] = cached(problem, word_problem)
+    found = known.get(key)
+    if found is not None and found.phased.of is not problem:
+        if _alike(problem, solution):
+            return found.of(problem)
+        del known[key]
     return lately(problem, word_problem, key, lambda: _laid(problem, solution, points), _KEPT)
+
+
+def _alike(problem: Problem, solution: Solution) -> bool:
+    """Tell whether a word is laid out in the same way whatever the ends and times are: nothing is
+    cut at a time, and the first arc's law asks for nothing where it begins.
+    """
+    law = arc_law(problem, solution.arcs[0].modes)
+    return not (knot_times(problem) or law.kept or law.costate)
 
 
 def values_of(solution: Solution) -> tuple[Any, ...]:
@@ -205,25 +265,24 @@ def _laid(problem: Problem, solution: Solution, points: int) -> WordProblem | No
     return WordProblem(cut.phased, cut.solution, pieces)
 
 
-def _steps_of(phased: PhasedProblem, start: Solution) -> int | None:
-    """Return how many steps an interval takes: as many as leave the ends of all intervals alone
+def _steps_of(phased: PhasedProblem, start: Solution) -> tuple[int, ...] | None:
+    """Return how many steps the intervals of every phase take: as many as leave their ends alone
     when doubled; None where none do, as where the motion is stiff, unstable or not smooth.
     """
-    before: list[np.ndarray] = []
-    nx = phased.of.x.numel()
-    for count in _STEPS:
-        now = interval_ends(phased, start, count)
+    nx, left = phased.of.x.numel(), range(len(phased.phases))
+    ends = [interval_ends(phased, start, k, _STEPS[0]) for k in left]
+    found = dict[int, int]()
+    for count in _STEPS[1:]:
+        now = {k: interval_ends(phased, start, k, count) for k in left if k not in found}
+        before, ends = ends, [now.get(k, each) for k, each in enumerate(ends)]
         # what is carried along one arc is seen against its size there, states and cost against
         # theirs on all of them
-        shared = np.max([np.abs(each).max(axis=1)[[*range(nx), -1]] for each in now], axis=0)
-        sizes = [
-            np.concatenate([shared[:-1], np.abs(each[nx:-1]).max(axis=1), shared[-1:]])
-            for each in now
-        ]
-        if before and all(
-            (abs(a - b) <= _FINE * c[:, None]).all()
-            for a, b, c in zip(before, now, sizes, strict=True)
-        ):
-            return count // 2
-        before = now
+        shared = np.max([np.abs(each).max(axis=1)[[*range(nx), -1]] for each in ends], axis=0)
+        for k, each in now.items():
+            carried = np.abs(each[nx:-1]).max(axis=1)
+            size = np.concatenate([shared[:-1], carried, shared[-1:]])
+            if (np.abs(each - before[k]) <= _FINE * size[:, None]).all():
+                found[k] = count // 2
+        if len(found) == len(ends):
+            return tuple(found[k] for k in left)
     return None

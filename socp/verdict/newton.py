@@ -4,7 +4,7 @@ multipliers.
 
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Self, final
+from typing import Any, Self, final
 
 import numpy as np
 
@@ -21,10 +21,14 @@ _MOVES = 1e-6
 # Units in the last place of its terms: equations that are further apart contradict each other
 _CONTRADICTS = 64.0
 _ULPS = 4.0  # rounding of every entry of a condition, in units of its last place
+# Of the largest on the diagonal of a triangle: rows with less depend on one another, to rounding
+_DEPENDENT = 1e-10
 _NEWTON = 8  # steps: from a collocated solution two or three do
 _FAR = 16  # the same from the solution of another problem: five to ten do
 # Of the variables' magnitudes: after a step below it the same matrix gains six digits with the next
 _CHORD = 1e-6
+# Of the step before it: a step that is longer was made with a matrix from too far away
+_BROUGHT = 0.05
 # Of the variables' magnitudes: a step below it is rounding, which may keep it at some times as much
 _DONE = 1e-13
 _ROUNDING = 100.0
@@ -48,6 +52,12 @@ class Conditions:
         key, make = (at.tobytes(),), partial(Linearised.of, self.shooting, at)
         return lately(self, Conditions.linearised, key, make)
 
+    @property
+    def rows(self) -> tuple[Any, ...]:
+        """What tells conditions of one form: steps, intervals, and what holds at the ends."""
+        ends = ((row.name, row.sign) for row in self.shooting.ends)
+        return *self.shooting.steps, *(a.mesh.size for _, a in self.shooting.pairs), *ends
+
     @cached_property
     def size(self) -> np.ndarray:
         """Magnitudes of the variables (n,)."""
@@ -68,11 +78,19 @@ class Conditions:
         """Return the multipliers (m,) that fit best at variables (n,)."""
         here = self.linearised(at)
         slopes, gradient = here.slopes * self.size, here.gradient * self.size
+        basis, triangle = np.linalg.qr(slopes.T)
+        across = np.abs(np.diag(triangle))
+        if across.size == len(slopes) and across.min() > _DEPENDENT * across.max():
+            return np.linalg.solve(triangle, -(basis.T @ gradient))
         held: np.ndarray = np.linalg.lstsq(slopes.T, -gradient, rcond=None)[0]
         return held
 
     def system(self, at: np.ndarray, held: np.ndarray) -> "System":
         """Return the linear system at variables (n,) and multipliers (m,)."""
+        key, make = (at.tobytes(), held.tobytes()), partial(self._system, at, held)
+        return lately(self, Conditions.system, key, make)
+
+    def _system(self, at: np.ndarray, held: np.ndarray) -> "System":
         C, H = self.derivatives(at, held)
         C = C * self.size
         matrix = np.block(
@@ -82,8 +100,9 @@ class Conditions:
 
     def derivatives(self, at: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the slopes of the equations (m, n) and the Hessian (n, n) of the Lagrangian."""
-        here = self.linearised(at)
-        return here.slopes, here.hessian(held)
+        here, key = self.linearised(at), (at.tobytes(), held.tobytes())
+        bent = lately(self, Conditions.derivatives, key, partial(here.hessian, held))
+        return here.slopes, bent
 
     def values(self, at: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Return slope of the Lagrangian (n,), equations (m,) and cost."""
@@ -195,28 +214,37 @@ class Settled:
 
 
 def settled(
-    conditions: Conditions, *, far: bool = False, start: np.ndarray | None = None
+    conditions: Conditions,
+    *,
+    far: bool = False,
+    start: np.ndarray | None = None,
+    near: Settled | None = None,
 ) -> Settled | None:
     """Solve the first-order conditions; None where Newton does not settle, or not nearby unless it
     may go `far`, or where a limit would rather be left. It begins with the solution's own variables
-    unless others (n,) are given.
+    unless others (n,) are given, and with the multipliers and the matrix of where it has settled on
+    conditions `near` by, for as long as that matrix brings it on.
     """
     start = conditions.shooting.start if start is None else start
     signs, size = conditions.shooting.signs, conditions.size
-    at, held = start, conditions.multipliers(start)
-    system, moved = None, np.full_like(size, np.inf)
+    at, held = start, conditions.multipliers(start) if near is None else near.held
+    system, own, long = None if near is None else near.system, False, np.inf
     for _ in range(_FAR if far else _NEWTON):
-        if system is None or np.abs(moved / size).max() > _CHORD:
-            system = conditions.system(at, held)
+        if system is None:
+            system, own = conditions.system(at, held), True
         moved, change = system.step(*conditions.values(at, held)[:2])
+        before, long = long, np.abs(moved / size).max()
+        brought = long <= _BROUGHT * before
+        if long <= _DONE or (long <= _ROUNDING * _DONE and not brought):
+            break
         at, held = at + moved, held + change
         if not np.abs((at - start) / size).max() <= (np.finfo(float).max if far else AWAY):
             return None
-        if np.abs(moved / size).max() <= _DONE:
-            break
+        if not (brought if not own else long <= _CHORD):
+            system = None
     if (
         system is None
-        or np.abs(moved / size).max() > _ROUNDING * _DONE
+        or not long <= _ROUNDING * _DONE
         or (signs * held < -_DONE * np.abs(held).max()).any()
     ):
         return None

@@ -158,7 +158,7 @@ def _system(problem: Problem, solution: Solution) -> _System:
         raise SolveError(
             "no derivatives: controls without laws, or explicit steps do not settle on the motion"
         )
-    conditions = known.conditions(known.steps)
+    conditions = known.conditions()
     there = settled(conditions)
     if there is None:
         raise SolveError("no derivatives: Newton does not settle on the conditions of the word")
@@ -284,17 +284,16 @@ def _state(system: _System, moved: np.ndarray, change: _Change, t: float) -> tup
     start = float(np.sum(moved[: 1 + k]) + shares[j] * moved[1 + k])
     first = 1 + len(shooting.pairs)
     p = slice(first, first + system.problem.p.numel())
-    parts = casadi.Function("z", [shooting.w], [shooting.parts[3][k][:, j]])
-    (z,), (dz,) = numbers(parts, at), numbers(parts, moved)
+    z, dz = (shooting.split(each)[2][k][:, [j]] for each in (at, moved))
     begin, length = begins[j : j + 1], t - begins[j : j + 1]
     given = [z, begin[None, :], length[None, :], at[p][:, None]]
     by_z, by_t, by_h, by_p = np.split(
-        shooting.motions[k].sweep(given, shooting.steps).slopes[0],
+        shooting.motions[k].sweep(given, shooting.steps[k]).slopes[0],
         [len(z), len(z) + 1, len(z) + 2],
         axis=1,
     )
     found = by_z @ dz[:, 0] + (by_t - by_h)[:, 0] * start + by_p @ moved[p]
     for weight, other in change.changed:
-        ended = other.motions[k].moved(z, begin, length, at[p], other.steps)[-1]
+        ended = other.motions[k].moved(z, begin, length, at[p], other.steps[k])[-1]
         found = found + weight * ended[:-1, 0]
     return tuple(found[:nx].tolist())

@@ -205,7 +205,7 @@ def test_a_step_is_of_order_eight() -> None:
     word = Word.parse("u: -", problem.control_names)
     start = Follower(intervals=1)(problem, word, default_guess(problem))
     exact = np.exp(4.0)  # x' = (1 + t) x
-    errors = [abs(interval_ends(follow(problem, word), start, n)[0][0, -1] - exact) for n in (4, 8)]
+    errors = [abs(interval_ends(follow(problem, word), start, 0, n)[0, -1] - exact) for n in (4, 8)]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(8.0, abs=0.7)
 
 
@@ -253,7 +253,7 @@ def test_shooting_reproduces_the_collocated_motion() -> None:
     problem = speed_limit().problem
     solution = along(problem, "u: + b -", [1.0, 1.0, 1.0])
     word = Word.parse("u: + b -", problem.control_names)
-    shooting = Shooting(follow(problem, word), solution, 2)
+    shooting = Shooting(follow(problem, word), solution, (2, 2, 2))
     left = Linearised.of(shooting, shooting.start).equations
     assert np.abs(left).max() < 1e-12
     again = shooting.lifted(shooting.start, solution.objective)

@@ -33,7 +33,7 @@ def test_a_constant_of_the_formula_is_a_parameter_that_is_held() -> None:
     family = Family(POND, ("level",))
     one = family.at({"level": 0.25})
     law = arc_law(one, S)
-    other = family.at({"level": 0.5}, one)
+    other = family.at({"level": 0.5})
     assert (one.parameter_names, one.constants) == (("level",), {})
     assert other.parameter_box.tolist() == [[0.5], [0.5]]
     assert one.parameter_box.tolist() == [[0.25], [0.25]]
@@ -44,7 +44,7 @@ def test_a_constant_of_the_formula_is_a_parameter_that_is_held() -> None:
 
 def test_a_constant_of_the_bounds_moves_them_and_shares_nothing() -> None:
     family = Family(POND, ("rate",))
-    one, other = family.at({"rate": 1.0}), family.at({"rate": 2.0}, family.at({"rate": 1.0}))
+    one, other = family.at({"rate": 1.0}), family.at({"rate": 2.0})
     assert (one.box.tolist(), other.box.tolist()) == ([[-1.0], [1.0]], [[-2.0], [2.0]])
     assert one.parameter_names == ()
     assert rate_function(other) is not rate_function(one)
@@ -63,7 +63,7 @@ def test_ends_alone_are_shared() -> None:
     family = Family(POND, ("start.x", "final_time"))
     one = family.at({"start.x": 1.0, "final_time": 4.0})
     law = arc_law(one, S)
-    other = family.at({"start.x": 1.2, "final_time": 3.0}, one)
+    other = family.at({"start.x": 1.2, "final_time": 3.0})
     assert arc_law(other, S) is law
     assert other.start_box.tolist() == [[1.2], [1.2]]
     assert other.fingerprint == POND.with_({"start.x": 1.2, "final_time": 3.0}).fingerprint
@@ -91,7 +91,7 @@ def test_a_verdict_says_nothing_of_a_parameter_that_is_a_constant() -> None:
 def test_a_constant_in_an_exponent_is_changed_in_the_problem_itself() -> None:
     power = constants(power=2.0)
     family = Family(replace(POND, running=(x - 0.25) ** 2 + x**power, formula=None), ("power",))
-    found = family.at({"power": 2.5}, family.at({"power": 2.0}))
+    found = family.at({"power": 2.5})
     assert (found.parameter_names, found.constants["power"].value) == ((), 2.5)
     assert found.fingerprint == family.problem.with_(power=2.5).fingerprint
 

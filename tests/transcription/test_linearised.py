@@ -27,7 +27,9 @@ def shooting() -> Shooting:
         final_time=(1, 4),
     )
     word = Word.parse("u: + - +", ("u",))
-    return Shooting(follow(problem, word), split(default_guess(problem), [0.4, 0.5, 0.3]), 3)
+    return Shooting(
+        follow(problem, word), split(default_guess(problem), [0.4, 0.5, 0.3]), (3, 2, 3)
+    )
 
 
 @pytest.mark.slow

@@ -94,7 +94,7 @@ def values(found: Induced, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     shooting, count = found.conditions.shooting, w.shape[1]
     joined, cost = (each.full() for each in shooting.joined[0].map(count)(w)[:2])
     equations, objective = np.zeros((shooting.signs.size, count)), cost[0]
-    equations[shooting.others] = joined
+    equations[shooting.others] = joined - shooting.levels[:, None]
     first = 1 + len(shooting.pairs)
     p = w[first : first + shooting.phased.of.p.numel()]
     for k, (block, motion) in enumerate(zip(shooting.blocks, shooting.motions, strict=True)):
@@ -102,7 +102,7 @@ def values(found: Induced, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         shares = block.shares[:, None]
         t, h = w[: 1 + k].sum(axis=0) + w[1 + k] * shares[:-1], w[1 + k] * np.diff(shares, axis=0)
         given = [z[:-1].swapaxes(0, 1).reshape(z.shape[1], -1), t.ravel(), h.ravel()]
-        ended = motion.moved(*given, np.tile(p, len(h)), shooting.steps)[-1]
+        ended = motion.moved(*given, np.tile(p, len(h)), shooting.steps[k])[-1]
         ends = ended[:-2].reshape(z.shape[1], len(h), count).swapaxes(0, 1)
         equations[block.equations] = ends - z[1:]
         objective = objective + ended[-2].reshape(len(h), count).sum(axis=0)

@@ -10,9 +10,10 @@ from typing import Any, final
 import casadi
 
 from socp.model.data.constants import planted
-from socp.model.evaluation import hand_on
+from socp.model.evaluation import cached, hand_on
 from socp.model.graph import fold
 from socp.model.problem import Problem
+from socp.model.ranges import interval
 from socp.model.result.findings import Condition, Finding
 from socp.model.result.solution import Solution
 from socp.model.symbols import Expr, column, declared
@@ -84,13 +85,13 @@ class Family:
         """Whether a constant among the numbers stands in an end, a time or a bound as well."""
         formula, own = self.problem.formula, set(self.open)
         return formula is not None and any(
-            path[0] not in _FORMULAE and own & {s.name() for s in casadi.symvar(leaf)}
+            path[0] in {*_NUMBERS, "bounds"} and own & {s.name() for s in casadi.symvar(leaf)}
             for path, leaf in formula.leaves.items()
         )
 
-    def at(self, values: Mapping[str, float], near: Problem | None = None) -> Problem:
-        """Return the problem of other values, with what was worked out for one of the family that
-        is `near`, where their bounds are the same. Errors as of `Problem.with_`.
+    def at(self, values: Mapping[str, float]) -> Problem:
+        """Return the problem of other values, with what was worked out for the last one that was
+        asked for where their bounds are the same. Errors as of `Problem.with_`.
         """
         if len(self.open) < len(self._constants):
             return self.problem.with_(dict(values))
@@ -102,14 +103,14 @@ class Family:
             found = replace(self.base, **numbers, bounds={**plain.bounds, **held})
         else:
             found = self.base.with_({**others, "bounds": held} if held else others)
-        if near is not None and self._bounds(found) == self._bounds(near):
-            hand_on(near, found)
-        return found
-
-    def _bounds(self, problem: Problem) -> dict[Expr, Any]:
-        """Return the bounds of a problem but for those of constants."""
         own = set(self.open.values())
-        return {symbol: box for symbol, box in problem.bounds.items() if symbol not in own}
+        bounds = ((s.name(), *interval(box)) for s, box in found.bounds.items() if s not in own)
+        known: dict[tuple[Any, ...], Problem] = cached(self, Family.at)
+        if near := known.pop(key := tuple(bounds), None):
+            hand_on(near, found)
+        known.clear()
+        known[key] = found
+        return found
 
     def inside(self, solution: Solution, values: Mapping[str, float]) -> Solution:
         """Return a solution of the problem of values as one of the family."""

@@ -178,7 +178,7 @@ def _next(family: Family, now: _Here, values: Mapping[str, float], *, inside: bo
     the word does not hold, or an arc is no longer than what is known of its ends. `inside`: what is
     kept whole is looked at whole, which no rung depends on.
     """
-    problem = family.at(values, now.problem)
+    problem = family.at(values)
     posed, guess = independent(problem), family.inside(now.solution, now.values)
     learn(posed, guess)
     found = neighbour(posed, guess, now.problem)

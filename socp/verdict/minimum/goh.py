@@ -368,7 +368,7 @@ def _at_ends(known: Induced, others: tuple[int, ...]) -> np.ndarray:
     nx = problem.x.numel()
     ends = [z[-1][:nx, -1], z[0][:nx, 0], p, t0, t0 + casadi.sum1(lengths)]
     lagrangian = mayer_function(problem)(*ends)
-    rows = casadi.vertcat(*shooting.held, *(row.expression for row in shooting.ends))
+    rows = casadi.vertcat(*shooting.held, shooting.at_ends)
     places = np.setdiff1d(np.arange(known.held.size), shooting.chain[1])
     held = np.where(np.isin(places, others), known.held[places], 0.0)
     lagrangian += casadi.dot(casadi.DM(held), rows)

@@ -113,7 +113,9 @@ class Induced:
 @final
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A word's induced problem by two integrations, one with twice the steps of the other."""
+    """A word's induced problem by two integrations, one with half the steps of the other, which are
+    as many as the motion needs: what halves them bounds what they leave.
+    """
 
     coarse: Induced
     fine: Induced
@@ -121,7 +123,7 @@ class Pair:
     pieces: list[int]
 
     def curvature(self, *, weak: bool) -> Curvature:
-        """Return the least eigenvalue with its error: what rounding does, and twice the steps."""
+        """Return the least eigenvalue with its error: what rounding does, and half of the steps."""
         values, _, rounding = self.fine.spectrum(weak=weak)
         before = self.coarse.spectrum(weak=weak)[0]
         if values.size != before.size:
@@ -142,13 +144,13 @@ def induced(problem: Problem, solution: Solution, points: int = 10) -> Pair | Se
     if known.steps is None:
         why = "it is stiff, unstable, or not smooth"
         return _untested(f"no number of explicit steps settles on the motion: {why}")
-    coarse, fine = (known.conditions(count) for count in (known.steps, 2 * known.steps))
-    there = settled(coarse)
+    fine, coarse = (known.conditions(times) for times in (1.0, 0.5))
+    there = settled(fine)
     if there is None:
-        return _unsettled(coarse)
-    moved, change = there.system.step(*fine.values(there.at, there.held)[:2])
-    finer = Induced.of(fine, there.at + moved, there.held + change)
-    return Pair(Induced.of(coarse, there.at, there.held), finer, known.phased, known.pieces)
+        return _unsettled(fine)
+    moved, change = there.system.step(*coarse.values(there.at, there.held)[:2])
+    before = Induced.of(coarse, there.at + moved, there.held + change)
+    return Pair(before, Induced.of(fine, there.at, there.held), known.phased, known.pieces)
 
 
 def _untested(why: str) -> SecondOrder:

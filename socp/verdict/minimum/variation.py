@@ -51,7 +51,7 @@ def reference(known: Induced, k: int, nodes: np.ndarray) -> Reference:
     t = begins[:-1] + nodes[:, None] * np.diff(begins)
     gaps = np.diff(np.vstack([begins[:-1], t, begins[1:]]), axis=0)
     before = np.vstack([begins[:-1], t])
-    steps = int(np.ceil(np.diff([0.0, *nodes, 1.0]).max() * shooting.steps))
+    steps = int(np.ceil(np.diff([0.0, *nodes, 1.0]).max() * shooting.steps[k]))
     motion, now, ways = shooting.motions[k], z[:, :-1], []
     for begin, gap in zip(before, gaps, strict=True):
         ways.append(motion.moved(now, begin, gap, p, steps))
@@ -83,8 +83,7 @@ def _corners(known: Induced, k: int) -> tuple[np.ndarray, np.ndarray]:
     arc = shooting.pairs[k][1]
     shares = (arc.t[arc.mesh] - arc.t[0]) / (arc.t[-1] - arc.t[0])
     begin = known.at[0] + lengths[:k].sum()
-    parts = casadi.Function("z", [shooting.w], [shooting.parts[3][k]])
-    return begin + lengths[k] * shares, numbers(parts, known.at)[0]
+    return begin + lengths[k] * shares, shooting.split(known.at)[2][k]
 
 
 def _multipliers(known: Induced, k: int) -> np.ndarray:
@@ -95,7 +94,7 @@ def _multipliers(known: Induced, k: int) -> np.ndarray:
         rows, count = nx + phase.carried.numel(), arc.mesh.size - 1
         if index == k:
             return known.held[row : row + rows * count].reshape(count, rows).T
-        row += rows * count + (nx if index else 0) + shooting.held[index].numel()
+        row += rows * count + (nx if index else 0) + shooting.counts[index]
     raise IndexError(k)
 
 
