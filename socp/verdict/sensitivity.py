@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
 
-import casadi
 import numpy as np
 
 from socp.errors import MethodError, ProblemError, SolveError
-from socp.model import Problem, Sensitivities, Sensitivity, Solution, known_problem, numbers
+from socp.model import Problem, Sensitivities, Sensitivity, Solution, known_problem
 from socp.process import one_thread
 from socp.transcription import PhasedProblem, Shooting
 from socp.verdict.accuracy import word_problem
