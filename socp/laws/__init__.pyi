@@ -21,5 +21,6 @@ from .probes import admissible as admissible
 from .probes import evaluator as evaluator
 from .probes import note_points as note_points
 from .probes import noted_points as noted_points
+from .probes import spread as spread
 from .setting import at_length as at_length
 from .setting import tower as tower

@@ -4,6 +4,7 @@ constraint.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from itertools import accumulate, pairwise
 from typing import final
 
@@ -14,19 +15,24 @@ from socp.model import (
     ROUNDED,
     SAME_TIME,
     Arc,
+    Constraint,
     Expr,
+    Problem,
     Solution,
     column,
     constraint_function,
     evaluate,
     join,
+    lately,
     numbers,
+    of_motion,
+    once,
     parameters_of,
     time,
 )
 from socp.transcription.mesh import Mesh, table, uniform
 from socp.transcription.motion import motion_of
-from socp.transcription.phases import Phase, PhasedProblem
+from socp.transcription.phases import Phase, PhasedProblem, once_along
 from socp.transcription.schemes import lgr
 
 # Points looked at between two nodes of a mesh: a crossing and back within one of them does not
@@ -40,6 +46,8 @@ _MOST = 100  # cuts of one arc at most, of a table with as many knots
 _TOUCHES = 1e-6
 # Of the same range: a parabola's peak is missed by less, by looks an eighth of an arc apart
 _BLUNT = 0.05
+_ULPS = 8.0  # of the latest time: nodes that are as near are the same but for rounding
+_KEPT = 16  # functions of a problem: what may vanish on the arcs of a word
 
 
 @final
@@ -123,6 +131,9 @@ def part(arc: Arc, span: tuple[float, float], mesh: Mesh) -> Arc:
     """Return the piece of an arc between two times, on a mesh of its own."""
     on = table(mesh)
     t = span[0] + (span[1] - span[0]) * on.tau
+    if on.side == arc.side and np.array_equal(on.mesh, arc.mesh):
+        if (np.abs(t - arc.t) <= _ULPS * np.spacing(np.abs(t).max())).all():
+            return replace(arc, multipliers={})  # these are its own nodes
     x, u, costate = arc.at(t), arc.at(t, "u"), arc.at(t, "costate")
     return Arc(t=t, x=x, u=u, costate=costate, mesh=on.mesh, side=on.side, modes=arc.modes)
 
@@ -162,6 +173,7 @@ def _crossings(looks: "_Looks") -> Iterator[_Joint]:
             yield from (_Joint(t, (found[i],)) for t, _ in times if len(times) <= _CROWD)
 
 
+@of_motion
 def _touches(looks: "_Looks") -> Iterator[_Joint]:
     """Yield where a state constraint that the law does not keep has a maximum of zero, or more,
     and is clearly negative before it and after it.
@@ -170,18 +182,49 @@ def _touches(looks: "_Looks") -> Iterator[_Joint]:
     for constraint in problem.constraints:
         if constraint.name in phase.kept:
             continue
-        times, x = looks.times, looks.arc.at(looks.times)
-        row = evaluate(constraint_function(problem, constraint), x, times, looks.p)[0][0]
+        times, function = looks.times, constraint_function(problem, constraint)
+        row = evaluate(function, looks.x, times, looks.p)[0][0]
         if not _peaks(row):
             continue
-        c, rate = constraint.expression, phase.flow(problem)[0]
-        slope = casadi.jtimes(c, problem.x, rate) + casadi.jacobian(c, time)
+        c = constraint.expression
+        slope = once_along(
+            problem, phase, _touches, partial(_slope, problem, phase, c), constraint.name
+        )
         (peaks,), values = looks.zeros(slope), looks.values(c)
-        least = -max(_TOUCHES * float(np.ptp(row)), ROUNDED * looks.size(c))
+        least = -max(_TOUCHES * float(np.ptp(row)), ROUNDED * looks.size(constraint))
         for t, rises in peaks if len(peaks) <= _CROWD else ():
             beside = row[times < t].min(initial=0.0), row[times > t].min(initial=0.0)
             if not rises and values(np.array([t]))[0, 0] >= least > max(beside):
                 yield _Joint(t, (c, slope), frozenset({constraint.name}))
+
+
+def _slope(problem: Problem, phase: Phase, expression: Expr) -> Expr:
+    """Return the derivative in time of an expression (1, 1) along a phase's law."""
+    along = casadi.jtimes(expression, problem.x, phase.flow(problem)[0])
+    return along + casadi.jacobian(expression, time)
+
+
+@of_motion
+@once
+def _slopes(problem: Problem, constraint: Constraint) -> casadi.Function:
+    """Return the slopes (1, nx) of a state constraint as a function of x, t, p."""
+    slopes = casadi.densify(casadi.jacobian(constraint.expression, problem.x))
+    return casadi.Function("slopes", [problem.x, time, problem.p], [slopes])
+
+
+@of_motion
+def _function(problem: Problem, expression: Expr) -> casadi.Function:
+    """Return an expression (k, 1) as a function of x, t, p, built once for as long as it is among
+    those that were asked for last.
+    """
+    # the expression stays with its function: it is told by its entries' places in memory
+    key = tuple(each.element_hash() for each in expression.elements())
+    given = [problem.x, time, problem.p]
+
+    def make() -> tuple[Expr, casadi.Function]:
+        return expression, casadi.Function("values", given, [expression])
+
+    return lately(problem, _function, key, make, _KEPT)[1]
 
 
 def _peaks(row: np.ndarray) -> bool:
@@ -201,33 +244,32 @@ class _Looks:
     arc: Arc
     p: np.ndarray
 
-    @property
-    def given(self) -> Expr:
-        """The symbols of what is looked at, as one column."""
-        problem = self.phased.of
-        return casadi.vertcat(problem.x, time, problem.p)
-
-    @property
+    @cached_property
     def times(self) -> np.ndarray:
         """Times (n,) looked at: some between any two nodes of the mesh."""
         ends = pairwise(self.arc.t[self.arc.mesh])
         return np.unique(np.concatenate([np.linspace(a, b, _LOOKS + 1) for a, b in ends]))
 
-    def size(self, expression: Expr) -> float:
-        """Return how much a scalar expression changes at most when every state changes by its own
-        largest value on the arc.
+    @cached_property
+    def x(self) -> np.ndarray:
+        """States (nx, n) at these times."""
+        return self.arc.at(self.times)
+
+    def size(self, constraint: Constraint) -> float:
+        """Return how much a constraint changes at most when every state changes by its own largest
+        value on the arc.
         """
-        slopes = casadi.fabs(casadi.jacobian(expression, self.phased.of.x))
-        change = casadi.mtimes(slopes, casadi.DM(np.abs(self.arc.x).max(axis=1)))
-        return float(self.values(change)(self.times).max())
+        t, largest = self.times, np.abs(self.arc.x).max(axis=1)
+        (slopes,) = evaluate(_slopes(self.phased.of, constraint), self.x, t, self.p)
+        return float((np.abs(slopes.reshape(t.size, -1)) @ largest).max())
 
     def values(self, expression: Expr) -> Callable[[np.ndarray], np.ndarray]:
         """Return an expression (k, 1) as a function of times (n,) that gives (k, n)."""
-        problem = self.phased.of
-        function = casadi.Function("values", [problem.x, time, problem.p], [expression])
+        function = _function(self.phased.of, expression)
 
         def at(t: np.ndarray) -> np.ndarray:
-            return numbers(function, self.arc.at(t), t, self.p)[0]
+            x = self.x if t is self.times else self.arc.at(t)
+            return numbers(function, x, t, self.p)[0]
 
         return at
 

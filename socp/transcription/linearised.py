@@ -2,7 +2,7 @@
 assembled from those of the motion over single intervals.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -10,34 +10,6 @@ import numpy as np
 from socp.model import numbers
 from socp.transcription.motion import Sweep
 from socp.transcription.shooting import Shooting
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Span:
-    """The motion over the n intervals of a phase, the variables (n, v) that z, t, h and p depend on
-    where these begin, and how, `change` (n, nz + 2 + np, v).
-    """
-
-    sweep: Sweep
-    columns: np.ndarray
-    change: np.ndarray
-
-    @classmethod
-    def of(cls, shooting: Shooting, k: int, w: np.ndarray) -> "Span":
-        """Return the intervals of phase k at variables w (n,)."""
-        block, count = shooting.blocks[k], shooting.phased.of.p.numel()
-        shares, (n, nz) = block.shares, block.variables[1:].shape
-        others = [*range(2 + k), *(1 + len(shooting.pairs) + np.arange(count))]
-        columns = np.hstack([block.variables[:-1], np.tile(others, (n, 1))]).astype(int)
-        change = np.zeros((n, nz + 2 + count, columns.shape[1]))
-        change[:, :nz, :nz] = np.eye(nz)
-        change[:, nz, nz : nz + 1 + k] = 1.0
-        change[:, nz, nz + 1 + k] = shares[:-1]
-        change[:, nz + 1, nz + 1 + k] = np.diff(shares)
-        change[:, nz + 2 :, nz + 2 + k :] = np.eye(count)
-        given = begun(shooting, k, w)
-        return cls(shooting.motions[k].sweep(given, shooting.steps[k]), columns, change)
 
 
 def begun(shooting: Shooting, k: int, w: np.ndarray) -> list[np.ndarray]:
@@ -67,7 +39,7 @@ def residuals(shooting: Shooting, w: np.ndarray) -> tuple[np.ndarray, float]:
 @dataclass(frozen=True, eq=False)
 class Linearised:
     """Equations (m,) and cost of shooting at variables `at` (n,), their slopes (m, n) and (n,), and
-    the intervals of every phase.
+    the steps over the intervals of every phase.
     """
 
     shooting: Shooting
@@ -76,7 +48,7 @@ class Linearised:
     cost: float
     slopes: np.ndarray
     gradient: np.ndarray
-    spans: tuple[Span, ...]
+    sweeps: tuple[Sweep, ...]
 
     @classmethod
     def of(cls, shooting: Shooting, w: np.ndarray) -> "Linearised":
@@ -85,27 +57,32 @@ class Linearised:
         equations, slopes = np.zeros(shooting.signs.size), np.zeros((shooting.signs.size, w.size))
         equations[shooting.others] = given[:, 0] - shooting.levels
         slopes[shooting.others] = joined
-        objective, gradient, spans = float(cost[0, 0]), at_ends[:, 0], []
+        objective, gradient, sweeps = float(cost[0, 0]), at_ends[:, 0], []
         for k, block in enumerate(shooting.blocks):
-            spans.append(span := Span.of(shooting, k, w))
-            ends, by = span.sweep.ends, span.sweep.slopes
+            motion, steps = shooting.motions[k], shooting.steps[k]
+            sweeps.append(sweep := motion.sweep(begun(shooting, k, w), steps))
+            ends, by = sweep.ends, sweep.slopes @ block.change
             equations[block.equations] = ends[:, :-1] - w[block.variables[1:]]
             objective += float(ends[:, -1].sum())
-            for j, each in enumerate(by @ span.change):
-                rows, columns = block.equations[j], span.columns[j]
-                slopes[rows[:, None], columns] = each[:-1]
-                slopes[rows, block.variables[j + 1]] -= 1.0
-                gradient[columns] += each[-1]
-        return cls(shooting, w, equations, objective, slopes, gradient, tuple(spans))
+            slopes[block.equations[:, :, None], block.columns[:, None, :]] = by[:, :-1]
+            slopes[block.equations, block.variables[1:]] -= 1.0
+            gradient += np.bincount(block.columns.ravel(), by[:, -1].ravel(), w.size)
+        return cls(shooting, w, equations, objective, slopes, gradient, tuple(sweeps))
+
+    def under(self, shooting: Shooting) -> "Linearised":
+        """Return the same for equations that differ in the levels of the ends alone."""
+        equations = self.equations.copy()
+        equations[shooting.others] += self.shooting.levels - shooting.levels
+        return replace(self, shooting=shooting, equations=equations)
 
     def hessian(self, held: np.ndarray) -> np.ndarray:
         """Return the Hessian (n, n) of the cost and the equations times multipliers held (m,)."""
-        shooting = self.shooting
+        shooting, n = self.shooting, self.at.size
         found: np.ndarray
         (found,) = numbers(shooting.joined[1], self.at, held[shooting.others])
-        for block, span in zip(shooting.blocks, self.spans, strict=True):
-            bent = span.sweep.bent(held[block.equations].T)
-            each = span.change.transpose(0, 2, 1) @ bent @ span.change
-            for columns, part in zip(span.columns, each, strict=True):
-                found[np.ix_(columns, columns)] += part
+        for block, sweep in zip(shooting.blocks, self.sweeps, strict=True):
+            bent = sweep.bent(held[block.equations].T)
+            each = block.change.transpose(0, 2, 1) @ bent @ block.change
+            places = n * block.columns[:, :, None] + block.columns[:, None, :]
+            found = found + np.bincount(places.ravel(), each.ravel(), n * n).reshape(n, n)
         return found

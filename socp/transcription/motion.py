@@ -49,14 +49,22 @@ class Motion:
 
     def moved(
         self, z: np.ndarray, t: np.ndarray, h: np.ndarray, p: np.ndarray, steps: int
-    ) -> list[np.ndarray]:
-        """Return y (ny, n), that is z, the running cost and the time, before and after every one of
-        so many steps, from z (nz, n) at times t (n,) over times h (n,) under p (np,).
+    ) -> np.ndarray:
+        """Return y (steps + 1, ny, n), that is z, the running cost and the time, before and after
+        every one of so many steps, from z (nz, n) at times t (n,) over times h (n,) under p, (np,)
+        or (np, n).
         """
-        found = [np.vstack([z, np.zeros(t.size), t])]
-        for _ in range(steps):
-            found += numbers(self.step, found[-1], h[None, :] / steps, p)
-        return found
+        first = np.vstack([z, np.zeros(t.size), t])
+        each = p if p.ndim == 2 else p[:, None]
+        given = np.tile(h / steps, (steps, 1)), np.tile(each, (steps, 1))
+        (found,) = numbers(self._stepped(steps), first, *given)
+        ends = found.reshape(len(first), t.size, steps).transpose(2, 0, 1)
+        return np.concatenate([first[None], ends])
+
+    @once
+    def _stepped(self, steps: int) -> casadi.Function:
+        """Return so many steps in a row."""
+        return self.step.mapaccum("steps", steps)
 
     @cached_property
     def control(self) -> casadi.Function:

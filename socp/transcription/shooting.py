@@ -59,11 +59,16 @@ class EndRow:
 class Block:
     """Places of a phase's values among the variables (n + 1, nz) and of what its n intervals leave
     among the equations (n, nz), and the `shares` (n + 1,) of its length where these begin and end.
+
+    `columns` (n, v) are the variables that z, t, h and p depend on where an interval begins, and
+    `change` (n, nz + 2 + np, v) tells how.
     """
 
     variables: np.ndarray
     equations: np.ndarray
     shares: np.ndarray
+    columns: np.ndarray
+    change: np.ndarray
 
 
 @final
@@ -91,7 +96,8 @@ class Shooting:
         made of depends: both have that.
         """
         found = replace(self, steps=steps)
-        assert self.joined  # noqa: S101 - what takes the longest is there before it is shared
+        # what takes the longest is there before it is shared
+        assert self.joined and self.blocks  # noqa: S101, PT018
         vars(found).update(vars(self) | {"steps": steps})
         return found
 
@@ -147,10 +153,25 @@ class Shooting:
             shares = (arc.t[arc.mesh] - arc.t[0]) / (arc.t[-1] - arc.t[0])
             variables = at + np.arange(rows * count).reshape(count, rows)
             equations = row + np.arange(rows * (count - 1)).reshape(count - 1, rows)
-            found.append(Block(variables, equations, shares))
+            found.append(Block(variables, equations, shares, *self._laid(k, variables, shares)))
             row += equations.size + (nx if k else 0) + self.counts[k]
             at += variables.size
         return found
+
+    def _laid(
+        self, k: int, variables: np.ndarray, shares: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the columns of a block and the change of what its intervals begin with."""
+        (n, nz), count = variables[1:].shape, self.phased.of.p.numel()
+        others = [*range(2 + k), *(1 + len(self.pairs) + np.arange(count))]
+        columns = np.hstack([variables[:-1], np.tile(others, (n, 1))]).astype(int)
+        change = np.zeros((n, nz + 2 + count, columns.shape[1]))
+        change[:, :nz, :nz] = np.eye(nz)
+        change[:, nz, nz : nz + 1 + k] = 1.0
+        change[:, nz, nz + 1 + k] = shares[:-1]
+        change[:, nz + 1, nz + 1 + k] = np.diff(shares)
+        change[:, nz + 2 :, nz + 2 + k :] = np.eye(count)
+        return columns, change
 
     @cached_property
     def signs(self) -> np.ndarray:
@@ -305,12 +326,18 @@ class Shooting:
         nx = problem.x.numel()
         t = span[0] + (span[1] - span[0]) * (arc.t - arc.t[0]) / (arc.t[-1] - arc.t[0])
         t[-1] = span[1]
-        interval = np.clip(
-            np.searchsorted(arc.mesh, np.arange(t.size), side="right") - 1, 0, arc.mesh.size - 2
-        )
-        begin = t[arc.mesh[interval]]
-        found = self.motions[k].moved(z[:, interval], begin, t - begin, p, self.steps[k])[-1][:-2]
+        found, now = np.empty((len(z), t.size)), z[:, :-1].copy()
         found[:, arc.mesh] = z
+        counts, lengths = np.diff(arc.mesh), np.diff(t[arc.mesh])
+        for j in range(1, counts.max()):  # from node to node, in steps as long as the motion's
+            some = np.flatnonzero(counts > j)
+            node = arc.mesh[some] + j
+            begin, gap = t[node - 1], t[node] - t[node - 1]
+            steps = int(np.ceil((gap / lengths[some]).max() * self.steps[k]))
+            now[:, some] = self.motions[k].moved(now[:, some], begin, gap, p, max(steps, 1))[-1][
+                :-2
+            ]
+            found[:, node] = now[:, some]
         (u,) = numbers(self.motions[k].control, found[:nx], found[nx:], t, p)
         costate = found[nx:] if phase.carried.numel() else arc.costate
         return replace(arc, t=t, x=found[:nx], u=u, costate=costate)

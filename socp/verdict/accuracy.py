@@ -150,6 +150,7 @@ class WordProblem:
         if known is None or known[0].rows != conditions.rows:
             return None
         at = known[0].shooting.start
+        conditions.known(known[0].linearised(at))
         return Settled(at, known[1], np.nan, known[0].system(at, known[1]))
 
 

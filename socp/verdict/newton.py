@@ -9,7 +9,7 @@ from typing import Any, Self, final
 import numpy as np
 
 from socp.model import TINY, lately, scales
-from socp.transcription import Linearised, Shooting
+from socp.transcription import Linearised, Shooting, residuals
 
 _RUIZ = 5  # rounds of scaling: each halves the decades between rows
 _SOLVED = 1e-8  # what a linear system may leave of its right side; more is left by a singular one
@@ -52,6 +52,11 @@ class Conditions:
         key, make = (at.tobytes(),), partial(Linearised.of, self.shooting, at)
         return lately(self, Conditions.linearised, key, make)
 
+    def known(self, here: Linearised) -> None:
+        """Take note of what conditions that differ in the levels of the ends alone are somewhere."""
+        key = (here.at.tobytes(),)
+        lately(self, Conditions.linearised, key, partial(here.under, self.shooting))
+
     @property
     def rows(self) -> tuple[Any, ...]:
         """What tells conditions of one form: steps, intervals, and what holds at the ends."""
@@ -76,6 +81,10 @@ class Conditions:
 
     def multipliers(self, at: np.ndarray) -> np.ndarray:
         """Return the multipliers (m,) that fit best at variables (n,)."""
+        make = partial(self._multipliers, at)
+        return lately(self, Conditions.multipliers, (at.tobytes(),), make)
+
+    def _multipliers(self, at: np.ndarray) -> np.ndarray:
         here = self.linearised(at)
         slopes, gradient = here.slopes * self.size, here.gradient * self.size
         basis, triangle = np.linalg.qr(slopes.T)
@@ -142,10 +151,10 @@ class System:
     def _solved(self, given: np.ndarray) -> np.ndarray:
         if not np.isfinite(self.matrix).all():
             return np.full_like(given, np.nan)
-        if not self.deficient:
-            found = np.linalg.solve(self.matrix, given)
-        else:
-            found = self._spectrum[1] @ (self._inverted * (self._spectrum[1].T @ given))
+        # the spectrum is known anyway, and serves one right side after the other; what it leaves is
+        # solved for once more
+        found = self._inverse(given)
+        found = found + self._inverse(given - self.matrix @ found)
         # what rounding leaves of equations that say the same twice is no contradiction
         n, ulps = self.size.size, _CONTRADICTS * np.finfo(float).eps if self.deficient else 0.0
         rounding = ulps * np.abs(self.matrix[:, :n] / self.d[:n]).sum(axis=1)
@@ -155,6 +164,11 @@ class System:
             if (np.abs(self.matrix @ found - given) <= allowed).all()
             else np.full_like(given, np.nan)
         )
+
+    def _inverse(self, given: np.ndarray) -> np.ndarray:
+        vectors = self._spectrum[1]
+        found: np.ndarray = vectors @ (self._inverted * (given @ vectors))
+        return found
 
     @cached_property
     def _spectrum(self) -> tuple[np.ndarray, np.ndarray]:
@@ -238,6 +252,8 @@ def settled(
         if long <= _DONE or (long <= _ROUNDING * _DONE and not brought):
             break
         at, held = at + moved, held + change
+        if long <= _ROUNDING * _DONE and long * long <= _DONE * before:
+            break  # the next step would be rounding
         if not np.abs((at - start) / size).max() <= (np.finfo(float).max if far else AWAY):
             return None
         if not (brought if not own else long <= _CHORD):
@@ -248,4 +264,4 @@ def settled(
         or (signs * held < -_DONE * np.abs(held).max()).any()
     ):
         return None
-    return Settled(at, held, conditions.values(at, held)[2], system)
+    return Settled(at, held, residuals(conditions.shooting, at)[1], system)

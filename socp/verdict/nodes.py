@@ -205,18 +205,18 @@ def _laid(problem: Problem, solution: Solution, cuts: np.ndarray) -> Samples:
     tau = (lgr(POINTS).nodes + 1.0) / 2.0
     edges, ts, xs, us, arcs = [solution.initial_time], [], [], [], []
     for index, arc in enumerate(solution.arcs):
-        for a, b in _intervals(arc, cuts) if arc.t[-1] - arc.t[0] > shortest else ():
-            t = a + (b - a) * tau
-            t[-1] = b
-            hair = 1e-12 * (
-                b - a
-            )  # a node on a joint belongs to this side of it, and the control may jump there
-            at = np.clip(t, a + hair, b - hair)
-            ts.append(t)
-            xs.append(arc.at(t))
-            us.append(arc.at(at, "u"))
-            arcs.append(np.full(t.size, index))
-            edges.append(b)
+        if arc.t[-1] - arc.t[0] <= shortest:
+            continue
+        a, b = np.array(_intervals(arc, cuts)).T[:, :, None]
+        t = a + (b - a) * tau
+        t[:, -1:] = b
+        # a node on a joint belongs to this side of it, and the control may jump there
+        hair = 1e-12 * (b - a)
+        ts.append(t.ravel())
+        xs.append(arc.at(ts[-1]))
+        us.append(arc.at(np.clip(t, a + hair, b - hair).ravel(), "u"))
+        arcs.append(np.full(t.size, index))
+        edges += b.ravel().tolist()
     if not ts:
         raise ValueError("the solution has no length in time")
     p = parameters_of(problem, solution)
@@ -272,10 +272,11 @@ def _touches(problem: Problem, solution: Solution) -> list[float]:
         )
         for arc in solution.arcs
     ]
+    states = [arc.at(t) for t, arc in zip(grids, solution.arcs, strict=True)]
     for level, constraint in zip(-nearness(solution, problem), problem.constraints, strict=True):
         values = [
-            constraint_values(problem, solution, constraint, t, arc.at(t))
-            for t, arc in zip(grids, solution.arcs, strict=True)
+            constraint_values(problem, solution, constraint, t, x)
+            for t, x in zip(grids, states, strict=True)
         ]
         for t, c in zip(grids, values, strict=True):
             near = c > level

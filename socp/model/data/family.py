@@ -13,7 +13,6 @@ from socp.model.data.constants import planted
 from socp.model.evaluation import cached, hand_on
 from socp.model.graph import fold
 from socp.model.problem import Problem
-from socp.model.ranges import interval
 from socp.model.result.findings import Condition, Finding
 from socp.model.result.solution import Solution
 from socp.model.symbols import Expr, column, declared
@@ -90,8 +89,8 @@ class Family:
         )
 
     def at(self, values: Mapping[str, float]) -> Problem:
-        """Return the problem of other values, with what was worked out for the last one that was
-        asked for where their bounds are the same. Errors as of `Problem.with_`.
+        """Return the problem of other values, with what was worked out for those that were asked
+        for before, and for the base, where their bounds are the same. Errors as of `Problem.with_`.
         """
         if len(self.open) < len(self._constants):
             return self.problem.with_(dict(values))
@@ -103,14 +102,17 @@ class Family:
             found = replace(self.base, **numbers, bounds={**plain.bounds, **held})
         else:
             found = self.base.with_({**others, "bounds": held} if held else others)
-        own = set(self.open.values())
-        bounds = ((s.name(), *interval(box)) for s, box in found.bounds.items() if s not in own)
         known: dict[tuple[Any, ...], Problem] = cached(self, Family.at)
-        if near := known.pop(key := tuple(bounds), None):
+        near = known.get((), self.base)
+        if self._bounds(found) == self._bounds(near):
             hand_on(near, found)
-        known.clear()
-        known[key] = found
+        known[()] = found
         return found
+
+    def _bounds(self, problem: Problem) -> dict[Expr, Any]:
+        """Return the bounds of a problem but for those of constants."""
+        own = set(self.open.values())
+        return {symbol: box for symbol, box in problem.bounds.items() if symbol not in own}
 
     def inside(self, solution: Solution, values: Mapping[str, float]) -> Solution:
         """Return a solution of the problem of values as one of the family."""

@@ -4,13 +4,13 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
-from functools import cache
+from functools import lru_cache
 from typing import Any, final
 
 import numpy as np
 
 from socp.errors import SocpError
-from socp.laws import independent
+from socp.laws import independent, noted_points, spread
 from socp.model import Family, Problem, Solution, Stop, from_json, rung_of, silent, to_json, view
 from socp.process import one_line, one_thread, said
 from socp.search import neighbour, spurious
@@ -102,11 +102,9 @@ class Task:
     @one_thread()
     def __call__(self, job: Job) -> Walked | None:
         """Walk a chain."""
-        problem = _loaded(self.load)
-        if self.fingerprint and problem.fingerprint != self.fingerprint:
-            raise SocpError(f"{problem.name}: a worker has another problem of this name")
-        names = job.points[0][1]
-        family = Family(problem, tuple(names))
+        family = _family(self.load, tuple(job.points[0][1]))
+        if self.fingerprint and family.problem.fingerprint != self.fingerprint:
+            raise SocpError(f"{family.problem.name}: a worker has another problem of this name")
         now = None if job.near is None else _Here.of(family, job.near)
         walked = Walked(job.number, {}, {}, {})
         for number, values in job.points:
@@ -122,6 +120,8 @@ class Task:
                 walked.near[number] = None if now is None else now.near
             if self.keep and found is not None:
                 walked.results[number] = to_json(found.whole(family))
+        if now is not None and noted_points(now.problem):
+            _family.cache_clear()  # what one chain has learned must not depend on those before it
         return walked
 
     def _solved(
@@ -233,6 +233,8 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-@cache
-def _loaded(load: Callable[[], Problem]) -> Problem:
-    return load()
+@lru_cache(maxsize=1)  # a worker walks chains of one sweep: laws and functions are those of all
+def _family(load: Load, names: tuple[str, ...]) -> Family:
+    family = Family(load(), names)
+    spread(family.base)  # laws are looked for from points of this one, whichever chain comes first
+    return family
