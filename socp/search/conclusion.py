@@ -24,7 +24,7 @@ from socp.model import (
 )
 from socp.process import overtime, seconds_left, time_limit
 from socp.search.effort import FAR, Ration, Search, clearly, off, precedes
-from socp.search.motions import adapted, held_solution, own_motion, stated_error
+from socp.search.motions import held_solution, own_motion, stated_error
 from socp.search.refinement import refine
 from socp.solvers import Backend, default_backend
 from socp.transcription import Mesh, euler, knotted, single_phase, trapezoid

@@ -56,7 +56,6 @@ class _Way:
     value: float
     solution: Solution
     active: frozenset[tuple[str, float]]
-    steps: int
 
     @classmethod
     def of(cls, walk: Walk, now: Trial) -> Self:
@@ -66,7 +65,7 @@ class _Way:
         if known is None or known.steps is None:
             raise ArithmeticError
         active = limits_met(now.solution, problem)
-        return cls(walk, now.value, now.solution, active, known.steps)
+        return cls(walk, now.value, now.solution, active)
 
     def laid(self, value: float) -> WordProblem:
         """Return the problem of the word at a value; ArithmeticError where there is none."""
@@ -80,7 +79,7 @@ class _Way:
     @cached_property
     def home(self) -> Conditions:
         """The conditions at the value that the solution belongs to."""
-        return self.laid(self.value).conditions(self.steps, active=self.active)
+        return self.laid(self.value).conditions(active=self.active)
 
     @cached_property
     def size(self) -> np.ndarray:
@@ -100,7 +99,7 @@ class _Way:
             return None
         row, at = names.index(self.walk.name) - len(ends), self.home.shooting.start
         step = _DIFFERENCE * self.span
-        other = self.laid(self.value + step).conditions(self.steps, active=self.active)
+        other = self.laid(self.value + step).conditions(active=self.active)
         before, after = (self._left(each, at, held) for each in (self.home, other))
         before[row] -= step
         return row if np.allclose(before, after, rtol=0.0, atol=_DONE * step) else None
@@ -109,7 +108,7 @@ class _Way:
         """Return the conditions at a value, but for their level."""
         if self.row is not None:
             return self.home
-        return self.laid(value).conditions(self.steps, active=self.active)
+        return self.laid(value).conditions(active=self.active)
 
     @property
     def span(self) -> float:

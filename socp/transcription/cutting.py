@@ -131,9 +131,9 @@ def part(arc: Arc, span: tuple[float, float], mesh: Mesh) -> Arc:
     """Return the piece of an arc between two times, on a mesh of its own."""
     on = table(mesh)
     t = span[0] + (span[1] - span[0]) * on.tau
-    if on.side == arc.side and np.array_equal(on.mesh, arc.mesh):
-        if (np.abs(t - arc.t) <= _ULPS * np.spacing(np.abs(t).max())).all():
-            return replace(arc, multipliers={})  # these are its own nodes
+    alike = on.side == arc.side and np.array_equal(on.mesh, arc.mesh)
+    if alike and (np.abs(t - arc.t) <= _ULPS * np.spacing(np.abs(t).max())).all():
+        return replace(arc, multipliers={})  # these are its own nodes
     x, u, costate = arc.at(t), arc.at(t, "u"), arc.at(t, "costate")
     return Arc(t=t, x=x, u=u, costate=costate, mesh=on.mesh, side=on.side, modes=arc.modes)
 

@@ -370,7 +370,8 @@ def interval_ends(phased: PhasedProblem, start: Solution, k: int, steps: int) ->
     t = arc.t[arc.mesh]
     z = np.vstack([arc.x, arc.costate[: phase.carried.numel()]])[:, arc.mesh[:-1]]
     motion = motion_of(phased.of, phase)
-    return motion.moved(z, t[:-1], np.diff(t), p, steps)[-1][:-1]
+    ends: np.ndarray = motion.moved(z, t[:-1], np.diff(t), p, steps)[-1][:-1]
+    return ends
 
 
 def _end_names(problem: Problem) -> list[str]:

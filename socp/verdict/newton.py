@@ -53,7 +53,7 @@ class Conditions:
         return lately(self, Conditions.linearised, key, make)
 
     def known(self, here: Linearised) -> None:
-        """Take note of what conditions that differ in the levels of the ends alone are somewhere."""
+        """Take note of what conditions that differ in the ends' levels alone are somewhere."""
         key = (here.at.tobytes(),)
         lately(self, Conditions.linearised, key, partial(here.under, self.shooting))
 
