@@ -3,6 +3,7 @@ certifies it.
 """
 
 import time
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, final
@@ -17,6 +18,7 @@ from socp import (
     option,
     silent,
 )
+from socp.errors import SocpError
 from socp.methods import scouted, solve_directly
 from socp.model import Stop
 from socp.process import time_limit
@@ -83,10 +85,17 @@ class Auto(Method):
                     if lower is not found:
                         found = with_agreement(problem, lower, self.digits, search.backend, watch)
         except KeyboardInterrupt:  # between two solves; inside one the backend stops by itself
-            known = search.best or (directs[-1] if directs else None)
+            known = _in_hand(search, directs)
             if known is None:
                 raise
             found = replace(known, stop=Stop.INTERRUPTED)
+        except Exception as error:  # a fault of the search's own loses nothing
+            known = _in_hand(search, directs)
+            if known is None or isinstance(error, SocpError):
+                raise
+            text = f"internal error: {type(error).__name__}: {error}; this is the best until then"
+            warnings.warn(text, RuntimeWarning, stacklevel=2)
+            found = replace(known, message="; ".join(filter(None, (known.message, text))))
         own = {name: found.seconds.get(name, 0.0) for name in ("build", "solve")}
         seconds = {"search": time.perf_counter() - began - sum(own.values()), **own}
         found = with_starts(found, search)
@@ -180,3 +189,7 @@ class Auto(Method):
 def socp_methods() -> list[type[Method]]:
     """Register the method."""
     return [Auto]
+
+
+def _in_hand(search: Search, directs: list[Solution]) -> Solution | None:
+    return search.best or (directs[-1] if directs else None)

@@ -251,3 +251,17 @@ def test_scattered_starts_find_the_better_extremal_of_two(registry: Registry) ->
     assert solution.extremal
     assert solution.word == "u: -"
     assert solution.objective == pytest.approx(-1.1, abs=1e-9)
+
+
+def test_a_fault_of_the_search_leaves_what_is_in_hand(
+    registry: Registry, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise ValueError("cannot be")
+
+    monkeypatch.setattr("socp_plugins.auto.refine", broken)
+    with pytest.warns(RuntimeWarning, match="internal error: ValueError: cannot be; this is the"):
+        found = solved(registry, load("double_integrator_time"))
+    assert found.verdict is not None and found.verdict.feasible
+    assert found.objective == pytest.approx(1 + np.sqrt(6), rel=1e-3)
+    assert "internal error: ValueError: cannot be" in found.message
