@@ -178,6 +178,8 @@ class Auto(Method):
                     refine(problem, direct, search, watch)
                 if search.over:
                     break
+            if search.chatters:  # nothing but infinitely many switches comes of more words
+                break
             for direct in shown:
                 refine(problem, direct, search, watch, late=True)
             if search.over:

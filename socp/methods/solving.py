@@ -21,7 +21,7 @@ from socp.transcription import (
     uniform,
     unresolved,
 )
-from socp.verdict import verify
+from socp.verdict import verify_in_time
 
 # Of the re-integrated control: collocation of smooth motion at the default tolerance stays below
 _MISSED = 1e-9
@@ -115,7 +115,7 @@ class Follower:
         for _ in range(_PASSES):
             rest = unresolved(problem, solution)
             near = max(float(each.max()) for each in rest) <= _NEAR * tolerance
-            if near and verify(problem, solution)[0].worst <= _MISSED:
+            if near and verify_in_time(problem, solution).worst <= _MISSED:
                 break  # another mesh costs more than this look
             finer = refined_meshes(solution.arcs, rest, self.points, tolerance)
             if finer is None:

@@ -28,7 +28,7 @@ from socp.search.motions import held_solution, own_motion, stated_error
 from socp.search.refinement import refine
 from socp.solvers import Backend, default_backend
 from socp.transcription import Mesh, euler, knotted, single_phase, trapezoid
-from socp.verdict import certified, chattering, graded, judge, verify
+from socp.verdict import certified, chattering, graded, judge, verify, verify_in_time
 
 # Iterations times variables from a point that betters a certified one: half of what a search may do
 _FURTHER = 5e5
@@ -64,6 +64,8 @@ def conclude(
     certain = next((each for each in _exact(problem, solved[:2]) if each.extremal), None)
     if certain is not None:  # of the best start
         return certain
+    if best is not None and search.chatters:  # no finer grid comes as near as words do
+        solved = [each for each in solved if clearly(_verified(problem, each), best)]
     chosen, compared = foremost(problem, best, solved, watch, search.backend.backend)
     if chosen is None:
         return directs[0]
@@ -76,7 +78,7 @@ def _exact(problem: Problem, directs: Sequence[Solution]) -> Iterator[Solution]:
     an extremal.
     """
     for each in directs:
-        seen = verify(problem, each)[0]
+        seen = verify_in_time(problem, each)
         if seen.drift <= APPROXIMATE and seconds_left() > 0.0:
             yield certified(problem, each)
 

@@ -5,7 +5,17 @@ from dataclasses import dataclass, field, replace
 from typing import final
 
 from socp.methods import Scouted
-from socp.model import EXTREMAL, FEASIBLE, Node, Solution, Stop, Watch, search_watch, silent
+from socp.model import (
+    APPROXIMATE,
+    EXTREMAL,
+    FEASIBLE,
+    Node,
+    Solution,
+    Stop,
+    Watch,
+    search_watch,
+    silent,
+)
 from socp.process import seconds_left
 from socp.search.candidate import Candidate
 from socp.solvers import NLP, Backend, NLPPoint, default_backend
@@ -138,6 +148,14 @@ class Search:
         """Whether the work allowed is done, a certified word found, or the search interrupted."""
         done = self.best is not None and (self.best.extremal or self.best.stop is Stop.INTERRUPTED)
         return bool(done) or self.spent
+
+    @property
+    def chatters(self) -> bool:
+        """Whether the best word chatters and is nearly an extremal: no finite one comes nearer."""
+        verdict = None if self.best is None else self.best.verdict
+        if verdict is None or not verdict.chattering:
+            return False
+        return verdict.residual <= APPROXIMATE and verdict.miss <= FEASIBLE
 
     @property
     def spent(self) -> bool:

@@ -25,7 +25,7 @@ from socp.model import (
 from socp.process import in_time, seconds_left
 from socp.solvers import Backend
 from socp.transcription import Mesh, equidistributed, knotted, radau_iia, single_phase
-from socp.verdict import error_shares, judge, moved, verify
+from socp.verdict import error_shares, judge, moved, verify, verify_in_time
 
 # Intervals with held controls, and points on each: what is lost goes with an interval's square, and
 # the motion is integrated to the digits of what it is compared with; where it is not, as it is
@@ -60,7 +60,7 @@ def held_solution(
     if found is not None:
         if found.stop is Stop.INTERRUPTED:
             return found
-        if found.stop.ok and verify(problem, found)[0].off <= APPROXIMATE:
+        if found.stop.ok and verify_in_time(problem, found).off <= APPROXIMATE:
             return found
     start = found if found is not None and found.stop.ok else known
     again = _held_on(how, equidistributed(problem, radau_iia(more), fewer, start), start)
@@ -155,7 +155,7 @@ def own_motion(problem: Problem, direct: Solution) -> Solution:
 
 @once
 def _own(direct: Solution, problem: Problem) -> Solution:
-    seen = verify(problem, direct)[0]
+    seen = verify_in_time(problem, direct)
     in_time("its own motion")
     found = direct
     if seen.box > FEASIBLE and not direct.lawful:

@@ -1,6 +1,6 @@
 """Words next to a word: without one of its arcs, or with one more."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 
 import numpy as np
 
@@ -49,14 +49,18 @@ def mode_changes(now: Candidate, modes: Sequence[Modes]) -> Iterator[Candidate]:
                 )
 
 
-def arc_insertions(now: Candidate, modes: Sequence[Modes]) -> Iterator[Candidate]:
+def arc_insertions(
+    now: Candidate, modes: Sequence[Modes], near: Container[Modes] | None = None
+) -> Iterator[Candidate]:
     """Yield words with one arc more, at an end or between two, in whose mode one control differs
-    from a neighbour.
+    from a neighbour; with `near` only those beside an arc of one of these modes.
     """
     lengths = np.diff(now.edges)
     for k in range(len(now.arcs) + 1):
         before, after = (now.arcs[j] if 0 <= j < len(now.arcs) else None for j in (k - 1, k))
         beside = [each for each in (before, after) if each is not None]
+        if near is not None and not any(each in near for each in beside):
+            continue
         length, t = (
             _LENGTH * min(lengths[j] for j in (k - 1, k) if 0 <= j < len(now.arcs)),
             now.edges[k],
@@ -65,6 +69,6 @@ def arc_insertions(now: Candidate, modes: Sequence[Modes]) -> Iterator[Candidate
         right = t if after is None else t + length * (1.0 if before is None else 0.5)
         edges = (*now.edges[:k], left, right, *now.edges[k + 1 :])
         for mode in modes:
-            near = any(sum(a != b for a, b in zip(mode, each, strict=True)) < 2 for each in beside)
-            if near and mode not in beside:
+            alike = any(sum(a != b for a, b in zip(mode, each, strict=True)) < 2 for each in beside)
+            if alike and mode not in beside:
                 yield Candidate((*now.arcs[:k], mode, *now.arcs[k:]), edges, now.source)

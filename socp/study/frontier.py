@@ -1,6 +1,6 @@
 """Where the objectives of a sequence of words tend to."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import final
 
@@ -125,7 +125,8 @@ class Frontier:
 @dataclass(eq=False)
 class _Trials:
     """The words solved so far, the best ones of every number of switches, and how to solve
-    another.
+    another; where controls are known to be `chattering`, only where they do more arcs are tried,
+    and fewer only where nothing is known of so few.
     """
 
     problem: Problem
@@ -134,6 +135,7 @@ class _Trials:
     backend: Backend
     watch: Watch
     width: int = _WIDTH
+    chattering: frozenset[str] = frozenset()
     found: list[list[Solution]] = field(init=False)
     tried: set[str] = field(default_factory=set)
     words: int = 0
@@ -182,18 +184,30 @@ class _Trials:
 
     def _kept(self, solution: Solution) -> bool:
         """Keep a solution among the best of its number of switches, without arcs that have
-        vanished.
+        vanished. One that is no better than those is not judged.
         """
-        solution = certified(self.problem, solution)
-        if solution.verdict is None or not solution.verdict.miss <= COMPARED:
-            return False
+        row = self.found[len(solution.arcs) - 1]
+        behind = len(row) == self.width and not solution.objective < row[-1].objective
+        if not behind:
+            solution = certified(self.problem, solution)
+            if solution.verdict is None or not solution.verdict.miss <= COMPARED:
+                return False
         lean = shortened(word_of(solution), SHORTEST)
         if self.dwell == 0.0 and len(lean.arcs) < len(solution.arcs):
             self.solve(lean)
-        row = self.found[len(solution.arcs) - 1]
+        if behind:
+            return False
         better = not row or solution.objective < row[0].objective
         row[:] = sorted([*row, solution], key=lambda each: each.objective)[: self.width]
         return better
+
+    def insertions(self, now: Candidate, modes: Sequence[Modes]) -> Iterator[Candidate]:
+        """Yield words with one arc more; where controls chatter only those next to their singular
+        arcs.
+        """
+        places = [k for k, c in enumerate(self.problem.control_names) if c in self.chattering]
+        near = {each for each in now.arcs if any(each[k].kind == "singular" for k in places)}
+        return arc_insertions(now, modes, near if places else None)
 
     def best(self, switches: int) -> Solution | None:
         """Return the best solution with at most so many switches, that with the fewest where others
@@ -276,7 +290,8 @@ def limit_switches(
     names = chattering(problem, solution)
     if not any(_ends(solution, each) for each in names):
         return solution
-    trials = _Trials(problem, at_most, 0.0, along_words(backend), watch, width=1)
+    where = frozenset(names)  # elsewhere its word is settled
+    trials = _Trials(problem, at_most, 0.0, along_words(backend), watch, width=1, chattering=where)
     seen = _frontier(trials, arc_modes(problem), solution, every=False)
     # the direct solution may ring at an end where the best word does not
     first = seen.best or solution
@@ -337,6 +352,8 @@ def _beam(trials: _Trials, modes: Sequence[Modes], start: Solution) -> None:
         better = False
         for n in range(trials.most, 0, -1):
             for solution in list(trials.found[n]):
+                if trials.chattering and trials.found[n - 1]:
+                    continue
                 fewer = list(arc_removals(word_of(solution)))
                 better |= trials.all(fewer)
                 if not any(trials.found[:n]):
@@ -346,7 +363,7 @@ def _beam(trials: _Trials, modes: Sequence[Modes], start: Solution) -> None:
         for n in range(trials.most):
             for solution in list(trials.found[n]):
                 now = word_of(solution)
-                longer = [*mends(trials.problem, now, solution), *arc_insertions(now, modes)]
+                longer = [*mends(trials.problem, now, solution), *trials.insertions(now, modes)]
                 better |= trials.all(longer)
         if not better:
             break

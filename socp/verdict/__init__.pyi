@@ -16,6 +16,7 @@ from .newton import Conditions as Conditions
 from .newton import settled as settled
 from .reintegration import moved as moved
 from .reintegration import verify as verify
+from .reintegration import verify_in_time as verify_in_time
 from .sensitivity import data_values as data_values
 from .sensitivity import derivatives as derivatives
 from .sensitivity import sensitivity_view as sensitivity_view

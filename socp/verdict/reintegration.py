@@ -4,6 +4,8 @@ ends, its state constraints and its box, relative to sizes.
 
 import math
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import casadi
 import numpy as np
@@ -153,9 +155,19 @@ def verify(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
     known, and it may be asked again.
     """
     try:
-        return _both(problem, solution)[0]
+        first = _in_time(problem, solution)[0]
+        make = partial(_as_feedback, problem, solution)
+        return first, *lately(problem, verify, _key(solution), make, _KEPT)
     except LateError as error:
         return (_unknown(str(error)),)
+
+
+def verify_in_time(problem: Problem, solution: Solution) -> Feasibility:
+    """Return what `verify` does of the control as a function of time alone."""
+    try:
+        return _in_time(problem, solution)[0]
+    except LateError as error:
+        return _unknown(str(error))
 
 
 def _unknown(error: str) -> Feasibility:
@@ -173,34 +185,38 @@ def _unknown(error: str) -> Feasibility:
     )
 
 
-_Found = tuple[tuple[Feasibility, ...], np.ndarray]
-
-
-def _both(problem: Problem, solution: Solution) -> _Found:
-    """Return what is found, and the states (nx, n) of the control in time at the nodes, as far as
-    it leads.
-    """
+def _key(solution: Solution) -> tuple[Any, ...]:
+    """Return all values of a solution that its motions depend on."""
     arcs = (
         (arc.modes, arc.side, *(each.tobytes() for each in (arc.t, arc.x, arc.u, arc.mesh)))
         for arc in solution.arcs
     )
-    key = (solution.objective, *solution.parameters.items(), *arcs)
-    return lately(problem, _both, key, lambda: _integrated(problem, solution), _KEPT)
+    return solution.objective, *solution.parameters.items(), *arcs
 
 
-def _integrated(problem: Problem, solution: Solution) -> _Found:
-    log = Log()
-    as_time = [pieces_in_time(arc) for arc in solution.arcs]
-    found = [_verify(problem, solution, as_time, log, feedback=False)]
-    states = np.hstack(log.nodes) if log.nodes else np.empty((0, 0))
-    if solution.lawful:
-        try:
-            as_feedback = [[piece_of_law(problem, arc)] for arc in solution.arcs]
-        except MethodError:
-            # the word was read off a solution of a problem without such laws
-            return tuple(found), states
-        found.append(_verify(problem, solution, as_feedback, Log(), feedback=True))
-    return tuple(found), states
+def _in_time(problem: Problem, solution: Solution) -> tuple[Feasibility, np.ndarray]:
+    """Return what is found of the control in time, and its states (nx, n) at the nodes, as far as
+    it leads.
+    """
+
+    def integrated() -> tuple[Feasibility, np.ndarray]:
+        log, pieces = Log(), [pieces_in_time(arc) for arc in solution.arcs]
+        found = _verify(problem, solution, pieces, log, feedback=False)
+        return found, np.hstack(log.nodes) if log.nodes else np.empty((0, 0))
+
+    return lately(problem, _in_time, _key(solution), integrated, _KEPT)
+
+
+def _as_feedback(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
+    """Return what is found of the laws as feedback, nothing where an arc has none."""
+    if not solution.lawful:
+        return ()
+    try:
+        pieces = [[piece_of_law(problem, arc)] for arc in solution.arcs]
+    except MethodError:
+        # the word was read off a solution of a problem without such laws
+        return ()
+    return (_verify(problem, solution, pieces, Log(), feedback=True),)
 
 
 def moved(problem: Problem, solution: Solution) -> Solution:
@@ -208,7 +224,7 @@ def moved(problem: Problem, solution: Solution) -> Solution:
     re-integration in place of those that were claimed; as it is where that breaks down. Raises
     LateError where the time allowed is over first.
     """
-    (seen, *_), x = _both(problem, solution)
+    seen, x = _in_time(problem, solution)
     ends = np.cumsum([arc.t.size for arc in solution.arcs])
     if seen.error or x.shape[1] != ends[-1] or not np.isfinite(seen.objective):
         return solution
