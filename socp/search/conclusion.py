@@ -23,7 +23,7 @@ from socp.model import (
     silent,
 )
 from socp.process import overtime, seconds_left, time_limit
-from socp.search.effort import FAR, Ration, Search, clearly, off, precedes
+from socp.search.effort import ALIKE, FAR, Ration, Search, clearly, off, precedes
 from socp.search.motions import held_solution, own_motion, stated_error
 from socp.search.refinement import refine
 from socp.solvers import Backend, default_backend
@@ -137,10 +137,15 @@ def better_point(problem: Problem, search: Search, directs: Sequence[Solution]) 
     """
     if search.best is None:
         return None
-    hopeful = [each for each in directs if each.stop.ok and each.objective < search.best.objective]
+    best = search.best
+    hopeful = [
+        each
+        for each in directs
+        if each.stop.ok and best.objective - each.objective > ALIKE * abs(best.objective)
+    ]
     points = [_verified(problem, each) for each in hopeful]
     points += [search.other] if search.other is not None else []
-    better = [each for each in points if off(each) <= FEASIBLE and clearly(each, search.best)]
+    better = [each for each in points if off(each) <= FEASIBLE and clearly(each, best)]
     return min(better, key=lambda each: each.reached, default=None)
 
 

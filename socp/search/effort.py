@@ -26,7 +26,7 @@ _WORK = 1e6
 _SETUP = 10  # iterations that building a programme is worth
 # Relative: objectives of one word that differ by less are the same solution of it
 _BETTER = 1e-7
-_ALIKE = 1e-3  # relative: objectives of one solution on two grids differ by as much
+ALIKE = 1e-3  # relative: objectives of one solution on two grids differ by as much
 # Of the objective: a coarse grid that claims so much less than the best solution is worth a closer
 # look
 FAR = 0.05
@@ -193,7 +193,7 @@ def clearly(one: Solution, other: Solution) -> bool:
     """Tell whether the control of one solution reaches less than that of another beyond what both
     are off.
     """
-    doubt = _ALIKE + _WORTH * max(off(one), off(other))
+    doubt = ALIKE + _WORTH * max(off(one), off(other))
     return other.reached - one.reached > doubt * max(abs(one.reached), abs(other.reached))
 
 

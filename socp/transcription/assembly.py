@@ -211,7 +211,9 @@ class Programme:
 
     def values(self, v: Any) -> tuple[Any, Any]:
         """Return objective (1, 1) and rows (m, 1) for variables v, as expressions of their kind."""
-        given = self._apart(casadi.mtimes(self._given, v), 0)
+        return self._valued(v, self._apart(casadi.mtimes(self._given, v), 0))
+
+    def _valued(self, v: Any, given: Sequence[Any]) -> tuple[Any, Any]:
         values = [t.point.at("value", t.count)(w) for t, w in zip(self.terms, given, strict=True)]
         return self._whole(v, values)
 
@@ -223,7 +225,7 @@ class Programme:
         lam_f, lam_g = casadi.MX.sym("lam_f"), casadi.MX.sym("lam_g", m)
         given = self._apart(casadi.mtimes(self._given, v), 0)
         sloped = [t.point.at("slopes", t.count)(w) for t, w in zip(self.terms, given, strict=True)]
-        both, (_, g) = self.values(v), self._whole(v, [y for y, _ in sloped])
+        both, (_, g) = self._valued(v, given), self._whole(v, [y for y, _ in sloped])
         held = self._apart(casadi.mtimes(self._entering.T, casadi.vertcat(lam_g, lam_f)), 1)
         gradient, slopes = _Sum.of((n, 1)), _Sum.of((m, n))
         curvature = _Sum.of((n, n))

@@ -5,6 +5,9 @@ Hairer, Norsett, Wanner, Solving ODEs I, II.5 and II.10, in the digits that a fl
 prints them too, but to import it for these takes as long as to solve a small problem.
 """
 
+from functools import cache
+
+import casadi
 import numpy as np
 
 # fmt: off
@@ -115,3 +118,9 @@ DOP853_THROUGH = np.array([
     ],
 ]).T
 # fmt: on
+
+
+@cache
+def stage_weights() -> tuple[casadi.DM, ...]:
+    """Return the weights of every stage (s, 1) as casadi has them, which it takes its time for."""
+    return tuple(map(casadi.DM, DOP853_STAGES))

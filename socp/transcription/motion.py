@@ -12,7 +12,7 @@ import casadi
 import numpy as np
 
 from socp.model import Expr, Problem, numbers, of_motion, once, time
-from socp.transcription.dormand_prince import DOP853_STAGES
+from socp.transcription.dormand_prince import stage_weights
 from socp.transcription.kinks import kinks
 from socp.transcription.phases import Phase, once_along
 
@@ -36,9 +36,9 @@ class Motion:
         motion = casadi.Function("f", given, [casadi.vertcat(rate, phase.carried_rate, running, 1)])
         y, h = casadi.SX.sym("y", motion.size1_out(0)), casadi.SX.sym("h")
         slopes, at = casadi.SX(y.numel(), 0), y
-        for row in DOP853_STAGES[1 : _END + 1]:
+        for row in stage_weights()[1 : _END + 1]:
             slopes = casadi.horzcat(slopes, motion(at[:-2], at[-1], problem.p))
-            at = y + h * casadi.mtimes(slopes, casadi.DM(row))
+            at = y + h * casadi.mtimes(slopes, row)
         return casadi.Function("step", [y, h, problem.p], [casadi.densify(at)])
 
     @cached_property

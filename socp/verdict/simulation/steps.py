@@ -15,7 +15,7 @@ import casadi
 import numpy as np
 
 from socp.model import fast, numbers, once
-from socp.transcription import DOP853_ERRORS, DOP853_STAGES, DOP853_THROUGH, DOP853_TIMES
+from socp.transcription import DOP853_ERRORS, DOP853_THROUGH, DOP853_TIMES, stage_weights
 
 Plan = Callable[[np.ndarray], np.ndarray]  # times (k,) -> controls (nu, k)
 # rates (x, u, t, p) -> (n,), the last of which no rate depends on, with controls and parameters
@@ -40,8 +40,8 @@ def one_step(flow: casadi.Function) -> casadi.Function:
     y, h, p = symbol("y", flow.size1_out(0)), symbol("h"), symbol("p", flow.size1_in(3))
     u, t = symbol("u", flow.size1_in(1), DOP853_TIMES.size), symbol("t", 1, DOP853_TIMES.size)
     slopes, after = casadi.SX(y.numel(), 0), y
-    for s, row in enumerate(DOP853_STAGES):
-        at = y + h * casadi.mtimes(slopes, casadi.DM(row)) if s else y
+    for s, row in enumerate(stage_weights()):
+        at = y + h * casadi.mtimes(slopes, row) if s else y
         slopes = casadi.horzcat(slopes, flow(at[:-1], u[:, s], t[s], p))
         after = at if s == _END else after
     errors = h * casadi.mtimes(slopes[:, : _END + 1], casadi.DM(DOP853_ERRORS))
