@@ -30,6 +30,7 @@ from socp.model import (
     parameters_of,
     time,
 )
+from socp.transcription.kinks import crossing
 from socp.transcription.mesh import Mesh, table, uniform
 from socp.transcription.motion import motion_of
 from socp.transcription.phases import Phase, PhasedProblem, once_along
@@ -294,12 +295,5 @@ class _Looks:
         """Return where a row of values is zero between two times, None where it is of one sign: one
         that is rounding all along has another sign whenever it is worked out.
         """
-
-        def value(t: float) -> float:
-            return float(values(np.array([t]))[i, 0])
-
-        if value(first) * value(last) >= 0.0:
-            return None
-        from scipy.optimize import brentq  # where there is a kink
-
-        return float(brentq(value, first, last))
+        before, after = values(np.array([first, last]))[i]
+        return crossing(lambda t: values(t)[i], first, last) if before * after < 0.0 else None

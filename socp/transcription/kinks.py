@@ -2,6 +2,8 @@
 of it holds, where that is known.
 """
 
+from collections.abc import Callable
+
 import casadi
 import numpy as np
 
@@ -140,3 +142,23 @@ def _of_time(expression: Expr) -> bool:
     """Tell whether an expression has time for its only symbol."""
     names = casadi.symvar(expression)
     return len(names) == 1 and bool(casadi.is_equal(names[0], time))
+
+
+_PLACES, _LOOKS = 33, 11  # 32 parts, 5 bits, each time: all 53 of what is between two times
+
+
+def crossing(values: Callable[[np.ndarray], np.ndarray], first: float, last: float) -> float:
+    """Return the time between two at which values (n,) of times (n,) change from the sign that they
+    have at the first.
+
+    Many places are looked at in one call, and again within the two that show it: no more calls than
+    a method of higher order takes, and scipy's take as long to import as a word to solve.
+    """
+    for _ in range(_LOOKS):
+        t = np.linspace(first, last, _PLACES)
+        signs = np.sign(values(t))
+        k = int(np.argmax(signs != signs[0])) or _PLACES - 1  # rounding may hide it
+        if signs[k] == 0.0:
+            return float(t[k])
+        first, last = float(t[k - 1]), float(t[k])
+    return 0.5 * (first + last)

@@ -13,7 +13,7 @@ import numpy as np
 
 from socp.model import SAME_TIME, TINY, Arc, Problem, Solution, column, numbers, once, time
 from socp.transcription.cutting import part
-from socp.transcription.kinks import decided, kinks
+from socp.transcription.kinks import crossing, decided, kinks
 from socp.transcription.mesh import Mesh, uniform
 from socp.transcription.phases import Phase, PhasedProblem
 from socp.transcription.schemes import Scheme
@@ -41,8 +41,6 @@ def knot_times(problem: Problem) -> tuple[float, ...]:
     of_time = [each for each in every if not casadi.depends_on(each, others)]
     if not of_time:
         return ()
-    from scipy.optimize import brentq  # where there is a knot
-
     values = casadi.Function("knots", [time], [column(of_time)])
     grid = np.linspace(first, end, _LOOKS + 1)
     sampled = numbers(values, grid)[0]
@@ -51,9 +49,7 @@ def knot_times(problem: Problem) -> tuple[float, ...]:
     for i, row in enumerate(sampled):
         found += grid[row == 0.0].tolist()  # a table by the hour has its knots on the grid
         for k in np.flatnonzero(row[:-1] * row[1:] < 0.0):
-            found.append(
-                brentq(lambda t, i=i: float(numbers(values, t)[0][i, 0]), grid[k], grid[k + 1])
-            )
+            found.append(crossing(lambda t, i=i: numbers(values, t)[0][i], grid[k], grid[k + 1]))
     inside = [t for t in sorted(found) if first + apart < t < end - apart]
     return tuple(t for k, t in enumerate(inside) if k == 0 or t - inside[k - 1] > apart)
 

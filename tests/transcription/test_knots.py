@@ -7,7 +7,7 @@ from casadi import fabs, fmax, fmin, pw_const, pw_lin, sin
 
 from socp import Problem, controls, states, time
 from socp.transcription import cut_at_knots, euler, follow, knot_times, knotted, lgr, uniform
-from socp.transcription.kinks import decided
+from socp.transcription.kinks import crossing, decided
 
 x = states("x")
 u = controls("u")
@@ -98,3 +98,13 @@ def test_pieces_begin_at_their_knots_and_a_switch_on_one_stays() -> None:
         [float(casadi.evalf(casadi.substitute(e, time, 0))) for e in p.entry] for p in parts.phases
     ]
     assert ties == [[], [-1], [-2.5]]
+
+
+@pytest.mark.parametrize(("first", "last"), [(0.0, 3.0), (-100.0, 2.0), (1.7, 1.8)])
+def test_a_change_of_sign_is_found_to_rounding(first: float, last: float) -> None:
+    found = crossing(lambda t: t**3 - 2.0 * t**2 + t - 1.0, first, last)
+    assert found == pytest.approx(1.7548776662466927, abs=2e-14)
+
+
+def test_a_zero_that_is_looked_at_is_returned() -> None:
+    assert crossing(lambda t: t - 0.5, 0.0, 1.0) == 0.5
