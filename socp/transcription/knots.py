@@ -6,6 +6,7 @@ they are known before anything is solved.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import casadi
@@ -49,9 +50,13 @@ def knot_times(problem: Problem) -> tuple[float, ...]:
     for i, row in enumerate(sampled):
         found += grid[row == 0.0].tolist()  # a table by the hour has its knots on the grid
         for k in np.flatnonzero(row[:-1] * row[1:] < 0.0):
-            found.append(crossing(lambda t, i=i: numbers(values, t)[0][i], grid[k], grid[k + 1]))
+            found.append(crossing(partial(_row, values, i), grid[k], grid[k + 1]))
     inside = [t for t in sorted(found) if first + apart < t < end - apart]
     return tuple(t for k, t in enumerate(inside) if k == 0 or t - inside[k - 1] > apart)
+
+
+def _row(function: casadi.Function, row: int, t: np.ndarray) -> np.ndarray:
+    return numbers(function, t)[0][row]
 
 
 def knotted(problem: Problem, scheme: Scheme, intervals: int) -> Mesh:
