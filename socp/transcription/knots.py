@@ -56,7 +56,8 @@ def knot_times(problem: Problem) -> tuple[float, ...]:
 
 
 def _row(function: casadi.Function, row: int, t: np.ndarray) -> np.ndarray:
-    return numbers(function, t)[0][row]
+    found: np.ndarray = numbers(function, t)[0][row]
+    return found
 
 
 def knotted(problem: Problem, scheme: Scheme, intervals: int) -> Mesh:

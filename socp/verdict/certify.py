@@ -257,8 +257,10 @@ def certified(problem: Problem, solution: Solution) -> Solution:
         return judged
     began, own = time.perf_counter(), independent(problem)
     sharper = lately(problem, certified, values_of(judged), lambda: sharpened(own, judged, verdict))
-    spent = judged.seconds.get("judge", 0.0) + time.perf_counter() - began
-    return judged.with_judgement(verdict=sharper).spent(judge=spent)
+    judged, spent = judged.with_judgement(verdict=sharper), judged.seconds.get("judge")
+    if spent is None:  # it was judged before
+        return judged
+    return judged.spent(judge=spent + time.perf_counter() - began)
 
 
 def tested(problem: Problem, solution: Solution) -> Solution:
