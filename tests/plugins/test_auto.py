@@ -262,6 +262,7 @@ def test_a_fault_of_the_search_leaves_what_is_in_hand(
     monkeypatch.setattr("socp_plugins.auto.refine", broken)
     with pytest.warns(RuntimeWarning, match="internal error: ValueError: cannot be; this is the"):
         found = solved(registry, load("double_integrator_time"))
-    assert found.verdict is not None and found.verdict.feasible
+    assert found.verdict is not None
+    assert found.verdict.feasible
     assert found.objective == pytest.approx(1 + np.sqrt(6), rel=1e-3)
     assert "internal error: ValueError: cannot be" in found.message
