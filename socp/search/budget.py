@@ -13,7 +13,7 @@ from socp.methods import descended, motions, scouts_from_motions, solve_directly
 from socp.model import FEASIBLE, Problem, Solution, Stop, Watch, silent, staged
 from socp.process import seconds_left, time_limit
 from socp.search.effort import FAR, Ration, Search, along_words, off, precedes
-from socp.search.motions import adapted, held_solution, own_motion
+from socp.search.motions import adapted, held_solution, own_motion, stated_error
 from socp.search.neighbours import word_of
 from socp.search.refinement import refine, try_words
 from socp.solvers import Backend
@@ -165,8 +165,8 @@ def lead(problem: Problem, search: Search, watch: Watch = silent) -> None:
 def _cut(
     problem: Problem, search: Search, known: Sequence[Solution], backend: Backend, watch: Watch
 ) -> list[Solution]:
-    """Go from the best solution over grids that are cut where it is worth it, and refine from the
-    last of these, which shows most; returns what is solved on them.
+    """Go from the best solution over grids that are cut where it is worth it, and refine from that
+    of the least error; returns what is solved on them.
     """
     start = next((each for each in _starts(problem, known) if each.stop.ok), None)
     if start is None:
@@ -175,7 +175,7 @@ def _cut(
         grids = adapted(problem, start, backend, staged(watch, "grid"))
         found = list(islice(grids, _ADAPTED))
     if found:
-        refine(problem, found[-1], search, watch)
+        refine(problem, min(reversed(found), key=stated_error), search, watch)
     return found
 
 

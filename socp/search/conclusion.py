@@ -275,13 +275,16 @@ def _first(solutions: Sequence[Solution]) -> Solution:
 def _before(one: Solution, other: Solution) -> bool:
     """Tell whether one solution is to be preferred: as `precedes` does, but for one that reaches no
     more than another and is the nearer to an extremal by the error that its verdict states, and
-    for two that state one, of which that which reaches less is to be had.
+    for two that state one: of these that which reaches less, or by less than both errors the one
+    that is known better.
     """
     for better, worse in ((one, other), (other, one)):
         if better.reached <= worse.reached and stated_error(better) < stated_error(worse):
             return better is one
-    if max(stated_error(one), stated_error(other)) < float("inf"):
-        return one.reached < other.reached
+    errors = stated_error(one), stated_error(other)
+    if max(errors) < float("inf"):
+        alike = abs(one.reached - other.reached) <= min(errors)
+        return errors[0] < errors[1] if alike else one.reached < other.reached
     return precedes(one, other)
 
 

@@ -37,6 +37,10 @@ _ADAPTED = 60, 3
 # all have the same, all are halved
 _AIM = 0.25
 _PARTS = 4  # of an interval at most: what a coarse grid says of one is rough
+_MOST = 400  # intervals: where so many do not do, no grid does that is solved in some seconds
+# The controls of short intervals weigh as little in the objective as their bounds in a barrier of
+# more: they would be left anywhere
+_SHARP = 1e-10
 _TOLERANCE = 1e-7  # a direct solution is compared by its re-integration
 _ITERATIONS = 150  # from a solution nearby it takes some ten
 # With a barrier from the beginning, where the controls of a solution in hand are not to be trusted:
@@ -79,14 +83,15 @@ def adapted(
     cut, and where what is stated of the error falls no more: short intervals weigh so little then
     that the solver leaves their controls anywhere.
     """
-    how = problem, backend.within(_TOLERANCE).limited(_FAR), watch
+    patient = backend.within(_SHARP).limited(_FAR)
     scheme = radau_iia(_ADAPTED[1])
     mesh: Mesh | None = equidistributed(problem, scheme, _ADAPTED[0], known)
     error = float("inf")
     while mesh is not None:
-        found = _held_on(how, mesh, known)
+        found = _held_on((problem, patient, watch), mesh, known)
         if found is None or not found.stop.ok:
             return
+        patient = patient.nearby()  # what was solved on one grid is near what is on the next
         known = judge(problem, found)
         yield known
         before, error = error, stated_error(known)
@@ -105,7 +110,7 @@ def stated_error(solution: Solution) -> float:
 
 def _cut_where_worth(problem: Problem, solution: Solution, mesh: Mesh) -> Mesh | None:
     """Return the mesh of a solution with those intervals cut that add more than others to the error
-    of its objective, None where that is not known.
+    of its objective, None where that is not known or takes too many.
     """
     with np.errstate(all="ignore"):
         try:
@@ -123,6 +128,8 @@ def _cut_where_worth(problem: Problem, solution: Solution, mesh: Mesh) -> Mesh |
     # what controls that are held miss of a switch falls with the square of an interval's length
     wanted = np.sqrt(error / (_AIM * error.mean()))
     parts = np.ceil(np.clip(wanted, 1.0, _PARTS)).astype(int)
+    if parts.sum() > _MOST:
+        return None
     return [
         (share / count, scheme)
         for (share, scheme), count in zip(mesh, parts.tolist(), strict=True)

@@ -2,10 +2,12 @@
 time.
 """
 
+from itertools import islice
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from socp import (
     Ipopt,
@@ -24,9 +26,9 @@ from socp.model import Word
 from socp.process import time_limit
 from socp.search import Search, conclude, conclusion, with_agreement
 from socp.search.budget import lead
-from socp.search.motions import held_solution, own_motion
+from socp.search.motions import adapted, held_solution, own_motion, stated_error
 from socp.transcription import equidistributed, euler, radau_iia
-from socp.verdict import certified, verify
+from socp.verdict import certified, error_shares, judge, verify
 
 x, v = states("x v")
 u = controls("u")
@@ -159,3 +161,40 @@ def test_equal_shares_of_a_motion_are_short_where_it_is_fast() -> None:
     ends = np.append(0.0, np.cumsum(shares))
     assert abs(0.5 * (ends[np.argmin(shares)] + ends[np.argmin(shares) + 1]) - switch) < 2 / 40
     assert shares.min() < 1 / 40 / 3
+
+
+def test_what_is_over_within_a_thousandth_of_the_horizon_is_found_on_grids_that_are_cut() -> None:
+    """A dose ends when a day of it costs what it saves on all days to come."""
+    kill, days = 50.0, 100.0
+    treatment = Problem(
+        name="treatment",
+        running=x + kill * u,
+        dynamics={x: -kill * u * x},
+        bounds={u: (0, 1)},
+        start={x: 1},
+        final_time=days,
+    )
+    stop = brentq(lambda t: (days - t) * np.exp(-kill * t) - 1, 0, 1)
+    left = np.exp(-kill * stop)
+    true = (1 - left) / kill + (days - stop) * left + kill * stop
+    coarse = direct(treatment, euler(), 50)
+    grids = list(islice(adapted(treatment, coarse, Ipopt()), 5))
+    best = min(grids, key=stated_error)
+    assert best.arcs[0].mesh.size < 300
+    assert best.verdict is not None
+    assert best.verdict.feasible
+    assert abs(best.reached - true) <= stated_error(best) < 1e-2 * true
+    assert stated_error(grids[0]) > 10 * stated_error(best)
+    assert stop < 1e-3 * days
+
+
+def test_most_of_the_error_of_held_controls_is_where_they_switch() -> None:
+    known = held_solution(RETURN, direct(RETURN, euler(), 20), Ipopt())
+    assert known is not None
+    found = error_shares(RETURN, judge(RETURN, known))
+    assert found is not None
+    edges, shares = found
+    switch = 0.5 + np.sqrt(1 + 0.5**2 / 2)  # it brakes from x + v^2 / 2 = 1 + 0.5^2 / 2, half way
+    k = int(np.argmax(shares))
+    assert edges[k - 1] <= switch <= edges[k + 2]
+    assert shares[k - 1 : k + 2].sum() > 0.8 * shares.sum()
