@@ -3,13 +3,13 @@ is wrong.
 """
 
 from collections.abc import Iterator
-from itertools import chain, pairwise, product
+from itertools import chain, islice, pairwise, product
 
 import numpy as np
 
 from socp import laws
 from socp.laws import arc_modes, control_modes
-from socp.model import EXTREMAL, OUTSIDE, SHORTEST, Arc, Mode, Place, Problem, Solution
+from socp.model import EXTREMAL, OUTSIDE, SHORTEST, Arc, Mode, Place, Problem, Solution, Verdict
 from socp.search.candidate import Candidate, held, insert, merged, without_short_arcs
 from socp.search.indifference import with_bangs_for
 from socp.verdict import constraint_values, misfit, nearness
@@ -31,12 +31,21 @@ def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Ca
     yield from _violated(problem, now)
     if solution.verdict is None:
         return
+    wished = _wished(problem, now, solution.verdict)
+    yield from islice(wished, 1)  # before the contacts, of which there may be many
     yield from _opened(problem, now)
-    for finding in sorted(solution.verdict.findings, key=lambda f: -f.residual):
+    yield from wished
+
+
+def _wished(problem: Problem, now: Candidate, verdict: Verdict) -> Iterator[Candidate]:
+    """Yield what the judge wants where the principle fails, and a singular arc there, where it
+    fails most first.
+    """
+    for finding in sorted(verdict.findings, key=lambda f: -f.residual):
         name, wants, t = finding.control, finding.wants, finding.t
         if name is None or wants is None or t is None or finding.holds:
             continue
-        if name not in solution.verdict.chattering:  # else one of infinitely many more arcs
+        if name not in verdict.chattering:  # else one of infinitely many more arcs
             control = problem.control_names.index(name)
             yield insert(now, control, wants, t)
             yield insert(now, control, Mode("singular"), t)

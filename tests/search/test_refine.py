@@ -265,6 +265,28 @@ def test_a_contact_where_arcs_join_opens_into_an_arc(top: float, found: list[lis
     assert [spelt(each) for each in mends(problem, tried, revised(touching, arcs=arcs))] == found
 
 
+def test_what_the_judge_wants_goes_before_contacts_that_may_open() -> None:
+    tried = made("+ -", "- -")
+    finding = Finding(
+        kind=Condition.SIGN,
+        residual=1e-2,
+        place=Place(control="w", stretch=1, mode=Mode("lower")),
+        t=9.0,
+        wants=Mode("upper"),
+    )
+    touching = solved(tried, Verdict(miss=0.0, findings=(finding,)))
+    rows = np.array([[0.0, 1.5, 3.0], [3.0, 2.0, 1.0]])
+    arcs = tuple(
+        replace(arc, x=np.array([row, [0.0, 0.0, 0.0]]))
+        for arc, row in zip(touching.arcs, rows, strict=True)
+    )
+    assert [spelt(each) for each in mends(problem, tried, revised(touching, arcs=arcs))] == [
+        ["+ -", "- -", "- +", "- -"],
+        ["+ -", "b[x.upper] -", "- -"],
+        ["+ -", "- -", "- s", "- -"],
+    ]
+
+
 def test_a_violated_state_constraint_is_followed_where_it_is_worst() -> None:
     tried = made("+ -")
     solution = solved(tried)
