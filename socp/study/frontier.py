@@ -10,6 +10,7 @@ from socp.errors import MethodError, SolveError
 from socp.laws import arc_modes
 from socp.methods import Follower, guess_along, kept_in_box, sound
 from socp.model import (
+    APPROXIMATE,
     COMPARED,
     SHORTEST,
     Modes,
@@ -97,6 +98,9 @@ _ALL = 200  # words up to which every one of them is solved
 _MOST = 240  # words solved at most where they are too many for that
 _WIDTH = 2  # words of every number of switches from which others are made
 _PASSES = 3  # down and up through the numbers of switches
+# Of the objective's terms: at two ends that chatter two more digits take as many words as all those
+# before, and four digits tell one solution from another
+_SETTLED = 1e-4
 _BETTER = 1e-9  # relative: a smaller gain is rounding, and a word with fewer switches does as well
 
 
@@ -277,7 +281,8 @@ def limit_switches(
     each end of a singular arc where that is not enough, with the frontier in its message.
 
     Any other solution comes back as it is, as does one of so few switches that no such word is
-    better than.
+    better than, and one along a word that chatters at both ends of such an arc with so few switches
+    for each that more digits of the objective would cost more words than they are worth.
     """
     if (
         at_most < 1
@@ -288,7 +293,11 @@ def limit_switches(
     ):
         return solution
     names = chattering(problem, solution)
-    if not any(_ends(solution, each) for each in names):
+    ends = max((_ends(solution, each) for each in names), default=0)
+    if not ends:
+        return solution
+    few = ends > 1 and solution.lawful and len(solution.switches) <= ends * at_most
+    if few and _near(problem, solution, _SETTLED):
         return solution
     where = frozenset(names)  # elsewhere its word is settled
     trials = _Trials(problem, at_most, 0.0, along_words(backend), watch, width=1, chattering=where)
@@ -311,10 +320,14 @@ def limit_switches(
     return replace(rows[-1].after(solution), message=f"{solution.message}; {summary(rows)}")
 
 
-def _near(problem: Problem, best: Solution | None) -> bool:
-    """Tell whether a certified or feasible word is approximately extremal."""
+def _near(problem: Problem, best: Solution | None, share: float = APPROXIMATE) -> bool:
+    """Tell whether a certified or feasible word is approximately extremal, the error of its
+    objective a share of its terms at most.
+    """
     judged = None if best is None else graded(problem, best).verdict
-    return judged is not None and judged.approximate
+    if judged is None or judged.grade is None:
+        return False
+    return judged.approximate and judged.grade.error <= share * judged.grade.size
 
 
 def _ends(solution: Solution, control: str) -> int:

@@ -14,8 +14,10 @@ from test_refine import spelt as text
 from socp import Ipopt, Problem, Solution, single_phase, solve_collocated, uniform
 from socp.cli import main
 from socp.errors import MethodError
+from socp.methods import Follower, guess_along
 from socp.methods.guess import default_guess
 from socp.model.data.files import load
+from socp.model.word import Word
 from socp.registry.plugins import Registry
 from socp.search.neighbours import (
     arc_insertions,
@@ -254,23 +256,33 @@ def test_frontier_prints_a_table_and_writes_the_best(
     assert not Path("f.json").exists()
 
 
+BOTH_ENDS = Problem(
+    name="both_ends",
+    running=carts.x**2 / 2,
+    dynamics={carts.x: carts.v, carts.v: carts.u},
+    bounds={carts.u: (-1, 1)},
+    start={carts.x: 2, carts.v: -2},
+    end={carts.x: 2, carts.v: 2},
+    final_time=8,
+)
+
+
 @pytest.mark.slow
 def test_switches_are_allowed_for_each_end_of_a_singular_arc_that_chatters() -> None:
-    squared = Problem(
-        name="both_ends",
-        running=carts.x**2 / 2,
-        dynamics={carts.x: carts.v, carts.v: carts.u},
-        bounds={carts.u: (-1, 1)},
-        start={carts.x: 2, carts.v: -2},
-        end={carts.x: 2, carts.v: 2},
-        final_time=8,
-    )
     found = judge(
-        squared,
+        BOTH_ENDS,
         solve_collocated(
-            single_phase(squared), [uniform(euler(), 60)], Ipopt(), default_guess(squared)
+            single_phase(BOTH_ENDS), [uniform(euler(), 60)], Ipopt(), default_guess(BOTH_ENDS)
         ),
     )
-    best = limit_switches(squared, found, 2)
+    best = limit_switches(BOTH_ENDS, found, 2)
     assert 2 < len(best.switches) <= 4  # two for each end
     assert best.objective == pytest.approx(1.55763990474, rel=1e-9)
+
+
+def test_a_word_that_chatters_at_both_ends_and_is_near_enough_is_returned_at_once() -> None:
+    word = Word.parse("- + - + s + - + -", ["u"])
+    start = guess_along(BOTH_ENDS, rough(BOTH_ENDS), word)
+    found = judge(BOTH_ENDS, Follower()(BOTH_ENDS, word, start))
+    assert found.stop.ok
+    assert limit_switches(BOTH_ENDS, found, 4) is found
