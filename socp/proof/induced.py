@@ -20,7 +20,7 @@ from socp.proof.balls import Ball, Compiled, Matrix, coefficients, compiled, fli
 from socp.proof.chain import Chain, Piece, looks
 from socp.proof.flow import SLOPES, Stage
 from socp.proof.krawczyk import Proved, Shot
-from socp.proof.linear import bent, horner, identity
+from socp.proof.linear import bent, horner, identity, orthogonal
 from socp.proof.steering import Steered, steered
 
 
@@ -46,6 +46,7 @@ class Part:
     its: Steered
     shot: Shot
     alpha: dict[str, Expr]
+    order: int
 
     @cached_property
     def symbols(self) -> Expr:
@@ -92,10 +93,10 @@ class Part:
     def matrices(self, series: Sequence[Any]) -> tuple[list[Matrix], list[Matrix]]:
         """Return the Taylor coefficients of F_X and K_XX along series of z and alpha."""
         function, places, n = self.entries
-        flint().ctx.cap = SLOPES
-        values = [coefficients(each, SLOPES) for each in function.call(series)]
+        flint().ctx.cap = self.order
+        values = [coefficients(each, self.order) for each in function.call(series)]
         found: tuple[list[Matrix], list[Matrix]] = [], []
-        for k in range(SLOPES):
+        for k in range(self.order):
             both = flint().arb_mat(n, n), flint().arb_mat(n, n)
             for (row, at), its in zip(places, values, strict=True):
                 both[row // n][row % n, at] = its[k]
@@ -118,8 +119,9 @@ class Part:
 @final
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A step of a piece's motion: V (n, n) up to it is frame * slopes, and what it adds, `form` (n,
-    n).
+    """A step of a piece's motion: V (n, n) up to it is frame * slopes, the frame orthogonal but for
+    rounding, so that what grows does not blur what does not (Lohner, 1988), and what it adds,
+    `form` (n, n).
     """
 
     frame: Matrix
@@ -147,17 +149,18 @@ def way(part: Part, stages: Sequence[Stage], corner: Sequence[Ball], alpha: list
     ends = _balls(part.ends.call([*corner, *alpha]))
     made: list[tuple[Matrix, Matrix]] = []
     for stage in reversed(stages):
-        series = stage.near, stage.wide
+        near = stage.near if part.order <= SLOPES else stage.motion.series(stage.start, part.order)
+        series = near, stage.wide
         alpha, carried = _carried(part, series, alpha, stage.h)
-        near, wide = (part.matrices([*a, *b]) for a, b in zip(series, carried, strict=True))
-        made.append(bent((near[0], wide[0]), (near[1], wide[1]), stage.h, SLOPES))
+        (a, b), (c, d) = (part.matrices([*z, *e]) for z, e in zip(series, carried, strict=True))
+        made.append(bent((a, c), (b, d), stage.h, part.order))
     frame = slopes = identity(n)
     steps = []
     for slope, form in reversed(made):
         steps.append(Step(frame, slopes, form))
         moved = slope * frame
-        frame = moved.mid()
-        slopes = slopes + frame.inv() * (moved - frame) * slopes
+        frame = orthogonal(moved)
+        slopes = frame.inv() * moved * slopes
     rate, pull = (module.arb_mat(n, 1, each) for each in (ends[:n], ends[n:]))
     return Way(alpha, steps, frame * slopes, rate, pull)
 
@@ -173,8 +176,8 @@ def _carried(
     found: tuple[list[Any], list[Any]] = [], []
     if not alpha:
         return begins, found
-    module.ctx.cap = SLOPES
-    rates = [[coefficients(e, SLOPES) for e in part.multipliers.call(its)] for its in series]
+    module.ctx.cap = part.order
+    rates = [[coefficients(e, part.order) for e in part.multipliers.call(its)] for its in series]
     for k, symbols in enumerate(part.alpha.values()):
         near, wide = (each[k] for each in rates)
         for _ in range(symbols.numel()):
@@ -193,11 +196,13 @@ def _carried(
 @dataclass(frozen=True, eq=False)
 class Induced:
     """The problem that a word induces, at what was proved of its equations. The variables q are the
-    initial states that are free, the lengths of the pieces, and what laws carry.
+    initial states that are free, the lengths of the pieces, and what laws carry. Taylor's formula
+    is used to an order.
     """
 
     shot: Shot
     proved: Proved
+    order: int
 
     @property
     def chain(self) -> Chain:
@@ -217,7 +222,7 @@ class Induced:
                 name: casadi.SX.sym(f"alpha_{name}", len(tower))
                 for name, tower in piece.loop.kept.items()
             }
-            found.append(Part(piece, known[piece.arc], self.shot, alpha))
+            found.append(Part(piece, known[piece.arc], self.shot, alpha, self.order))
         return found
 
     @cached_property

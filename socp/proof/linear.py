@@ -17,6 +17,19 @@ def identity(n: int) -> Matrix:
     return flint().arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
 
 
+def floats(matrix: Matrix) -> np.ndarray:
+    """Return the middles of a matrix as floats."""
+    return np.array([[float(each.mid()) for each in row] for row in matrix.tolist()])
+
+
+def orthogonal(matrix: Matrix) -> Matrix:
+    """Return a matrix without radius whose columns are those of Q, matrix = Q R, but for
+    rounding.
+    """
+    found = np.linalg.qr(floats(matrix))[0]
+    return flint().arb_mat(*found.shape, [float(each) for each in found.ravel()])
+
+
 def horner(values: Sequence[Any], h: Ball) -> Any:
     """Return a polynomial with given coefficients, the constant one first, at h."""
     found = values[-1]

@@ -11,9 +11,11 @@ from scipy.linalg import eigh, qr
 
 from socp.errors import SolveError
 from socp.model import Problem, Solution, scales
-from socp.proof.balls import Ball, Matrix, flint, negative, positive
+from socp.proof.balls import Ball, Matrix, finite, flint, negative, positive
+from socp.proof.flow import ORDER, SLOPES
 from socp.proof.induced import Induced
 from socp.proof.krawczyk import Proved, Shot
+from socp.proof.linear import floats, identity
 
 # Of the conditions' largest: one with less beside the others follows from them, and is left out,
 # which leaves more directions to show the sign on
@@ -38,44 +40,50 @@ class Curved:
 
 def curved(problem: Problem, solution: Solution, shot: Shot, proved: Proved) -> Curved:
     """Show that the curvature is positive; SolveError where it is not shown, or is negative."""
-    induced = Induced(shot, proved)
-    first = shot.chain.free
-    size = np.ones(induced.variables)
-    size[: len(first)] = scales(problem, solution)[first]
-    lengths = slice(len(first), len(first) + len(shot.chain.pieces))
-    size[lengths] = solution.final_time - solution.initial_time
-    return least(induced, size)
+    for order in (SLOPES, ORDER):  # the second has more digits, and takes twice as long
+        induced = Induced(shot, proved, order)
+        size = _sizes(problem, solution, induced)
+        kernel = _kernel(induced.rows, size)
+        if not kernel.ncols():
+            return Curved(0, flint().arb("inf"))
+        curvature = induced.curvature(kernel)
+        if not finite(curvature.entries()):
+            raise SolveError("the Hessian of the word's problem has no finite enclosure")
+        units = flint().arb_mat(size.size, size.size)
+        for i, its in enumerate(size):
+            units[i, i] = 1 / flint().arb(float(its))
+        scaled = units * kernel
+        found = _least(curvature, scaled.transpose() * scaled)
+        if found is not None:
+            return Curved(kernel.ncols(), found)
+    raise SolveError("the least curvature is not shown to be positive")
 
 
-def least(induced: Induced, size: np.ndarray) -> Curved:
-    """Show that the least curvature is positive, for variables of sizes (n,)."""
-    kernel = _kernel(induced.rows, size)
-    free = kernel.ncols()
-    if not free:
-        return Curved(0, flint().arb("inf"))
-    curvature = induced.curvature(kernel)
-    if not all(each.is_finite() for each in curvature.entries()):
-        raise SolveError("the Hessian of the word's problem has no finite enclosure")
-    units = flint().arb_mat(size.size, 1, [1 / flint().arb(float(each)) for each in size])
-    scaled = flint().arb_mat(
-        size.size,
-        free,
-        [kernel[i, j] * units[i, 0] for i in range(size.size) for j in range(free)],
-    )
-    norm = scaled.transpose() * scaled
-    values, vectors = eigh(_floats(curvature), _floats(norm))
-    lowest = float(values[0])
-    if lowest > 0:
-        for shy in _SHY:
-            bound = flint().arb(lowest * (1 - shy))
-            if definite(curvature - norm * bound):
-                return Curved(free, bound)
-    way = flint().arb_mat(free, 1, [float(each) for each in vectors[:, 0]])
-    along = (way.transpose() * curvature * way)[0, 0]
+def _sizes(problem: Problem, solution: Solution, induced: Induced) -> np.ndarray:
+    """Return what the variables are measured in."""
+    chain = induced.chain
+    found = np.ones(induced.variables)
+    found[: len(chain.free)] = scales(problem, solution)[chain.free]
+    lengths = slice(len(chain.free), len(chain.free) + len(chain.pieces))
+    found[lengths] = solution.final_time - solution.initial_time
+    return found
+
+
+def _least(curvature: Matrix, norm: Matrix) -> Ball | None:
+    """Return what the curvature (k, k) is at least for changes whose norm (k, k) is 1, None where
+    it is not shown to be positive; SolveError where it is negative.
+    """
+    values, vectors = eigh(floats(curvature), floats(norm))
+    lowest, arb = float(values[0]), flint().arb
+    for shy in _SHY if lowest > 0 else ():
+        bound = arb(lowest * (1 - shy))
+        if definite(curvature - norm * bound):
+            return bound
+    way = flint().arb_mat(len(values), 1, [float(each) for each in vectors[:, 0]])
+    along, by = ((way.transpose() * each * way)[0, 0] for each in (curvature, norm))
     if negative(along):
-        over = along / (way.transpose() * norm * way)[0, 0]
-        raise SolveError(f"the curvature is {over.str(5)} along a direction: it is no minimum")
-    raise SolveError(f"the least curvature, about {lowest:.3g}, is not shown to be positive")
+        raise SolveError(f"it is none: the curvature is {(along / by).str(5)} along a direction")
+    return None
 
 
 def definite(matrix: Matrix) -> bool:
@@ -96,13 +104,13 @@ def _kernel(rows: Sequence[Matrix], size: np.ndarray) -> Matrix:
     module, n = flint(), size.size
     every = [row for block in rows for row in block.tolist()]
     if not every:
-        return module.arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
-    floats = np.array([[float(each.mid()) for each in row] for row in every]) * size
-    floats /= np.maximum(np.abs(floats).max(axis=1, keepdims=True), np.finfo(float).tiny)
-    _, triangle, order = qr(floats.T, pivoting=True, mode="economic")
+        return identity(n)
+    near = floats(module.arb_mat(every)) * size
+    near /= np.maximum(np.abs(near).max(axis=1, keepdims=True), np.finfo(float).tiny)
+    _, triangle, order = qr(near.T, pivoting=True, mode="economic")
     rank = int((np.abs(np.diag(triangle)) > _RANK * np.abs(triangle[0, 0])).sum())
     chosen = order[:rank]
-    columns = qr(floats[chosen], pivoting=True, mode="economic")[2]
+    columns = qr(near[chosen], pivoting=True, mode="economic")[2]
     solved, others = columns[:rank], columns[rank:]
 
     def part(places: np.ndarray) -> Matrix:
@@ -120,7 +128,3 @@ def _kernel(rows: Sequence[Matrix], size: np.ndarray) -> Matrix:
         for j in range(len(others)):
             found[int(place), j] = -answers[i, j]
     return found
-
-
-def _floats(matrix: Matrix) -> np.ndarray:
-    return np.array([[float(each.mid()) for each in row] for row in matrix.tolist()])
