@@ -21,7 +21,7 @@ from socp.proof.linear import floats, identity
 # which leaves more directions to show the sign on
 _RANK = 1e-10
 # Of the least curvature: as far below it, and as far as is needed, is what is shown of it
-_SHY = (1e-12, *(10.0**-k for k in range(9, 0, -1)), 1.0)
+_SHY = tuple(2.0**k for k in range(-40, 1))
 
 
 @final
@@ -82,7 +82,8 @@ def _least(curvature: Matrix, norm: Matrix) -> Ball | None:
     way = flint().arb_mat(len(values), 1, [float(each) for each in vectors[:, 0]])
     along, by = ((way.transpose() * each * way)[0, 0] for each in (curvature, norm))
     if negative(along):
-        raise SolveError(f"it is none: the curvature is {(along / by).str(5)} along a direction")
+        told = (along / by).upper().str(5, radius=False)
+        raise SolveError(f"it is none: the curvature along a direction is at most {told}")
     return None
 
 
