@@ -126,8 +126,9 @@ class Motion:
 @final
 @dataclass(frozen=True, eq=False)
 class State:
-    """A set of states middle + frame * spread, and the derivative frame * slopes of the states by
-    some unknowns.
+    """Two sets of states middle + frame * spread, one for each column of the spread (n, 2): that of
+    all unknowns in a box, and in it that of the unknowns in the middle; and the derivative frame *
+    slopes of the states by the unknowns, in the whole box.
 
     The frame (n, n), without radius, is moved by the flow: so a spread is not enclosed anew in
     another box at every step, which would make it grow by the sum of what every state does to every
@@ -141,18 +142,33 @@ class State:
     slopes: Matrix
 
     @classmethod
-    def of(cls, z: Sequence[Ball], slopes: Matrix) -> "State":
-        """Return the set of states that is a box z (n,), with their derivatives (n, m)."""
-        module, n = flint(), len(z)
-        middle = [each.mid() for each in z]
-        around = [a - b for a, b in zip(z, middle, strict=True)]
-        return cls(middle, identity(n), module.arb_mat(n, 1, around), slopes)
+    def of(cls, z: Sequence[Ball], slopes: Matrix, point: Sequence[Ball] = ()) -> "State":
+        """Return the set of states that is a box z (n,), with their derivatives (n, m); in it, that
+        of the unknowns in the middle, `point` (n,), which is z itself by default.
+        """
+        middle = [each.mid() for each in point or z]
+        return cls(middle, identity(len(z)), _around(middle, z, point or z), slopes)
 
     @property
     def box(self) -> list[Ball]:
         """The smallest box around the set."""
+        return self._box(0)
+
+    @property
+    def point(self) -> list[Ball]:
+        """The smallest box around the set of the unknowns in the middle."""
+        return self._box(1)
+
+    def _box(self, column: int) -> list[Ball]:
         around = self.frame * self.spread
-        return [each + around[i, 0] for i, each in enumerate(self.middle)]
+        return [each + around[i, column] for i, each in enumerate(self.middle)]
+
+    def near(self, change: Matrix) -> list[Ball]:
+        """Return a box around the states of unknowns that are off the middle by a change (m, 1)
+        within the box of unknowns.
+        """
+        moved = self.derivative * change
+        return [each + moved[i, 0] for i, each in enumerate(self.point)]
 
     @property
     def derivative(self) -> Matrix:
@@ -195,10 +211,11 @@ class Stage:
         return found
 
 
-def step(motion: Motion, state: State, h: Ball) -> tuple[State, Stage] | None:
-    """Return the set that the motion leads to in a time h, and what contains it meanwhile; None
-    where no such box was found.
+def step(motion: Motion, state: State, times: tuple[Ball, Ball]) -> tuple[State, Stage] | None:
+    """Return the set that the motion leads to in a time, that of the box of unknowns and that of
+    their middle, and what contains it meanwhile; None where no such box was found.
     """
+    h = times[0]
     box = state.box
     during = _enclosure(motion, box, h)
     if during is None:
@@ -207,18 +224,16 @@ def step(motion: Motion, state: State, h: Ball) -> tuple[State, Stage] | None:
     last = [coefficients(each, ORDER + 1)[ORDER] for each in wide]
     if not finite(last):
         return None
-    near, power = motion.series(state.middle, ORDER), h**ORDER
-    end = [
-        horner(coefficients(each, ORDER), h) + top * power
-        for each, top in zip(near, last, strict=True)
-    ]
+    near = [coefficients(each, ORDER) for each in motion.series(state.middle, ORDER)]
+    ends = [[horner([*a, b], t) for a, b in zip(near, last, strict=True)] for t in times]
     begins = motion.series(box, SLOPES)
     moved = _slope(motion, begins, wide, h) * state.frame
-    return _carried(state, end, moved), Stage(motion, box, during, h, begins, wide)
+    return _carried(state, ends, moved), Stage(motion, box, during, h, begins, wide)
 
 
-def nearly(motion: Motion, state: State, h: Ball) -> tuple[State, Stage]:
+def nearly(motion: Motion, state: State, times: tuple[Ball, Ball]) -> tuple[State, Stage]:
     """Return about where the motion leads, with its derivative; nothing is claimed of it."""
+    h = times[1]
     near = motion.series(state.middle, ORDER)
     end = [horner(coefficients(each, ORDER), h).mid() for each in near]
     frame = horner(evolved(motion.matrices(near, SLOPES), state.frame, SLOPES - 1), h).mid()
@@ -227,18 +242,24 @@ def nearly(motion: Motion, state: State, h: Ball) -> tuple[State, Stage]:
     )
 
 
-def _carried(state: State, end: list[Ball], moved: Matrix) -> State:
-    """Return a set with its middle at `end`, and its frame carried to `moved`, which has a
-    radius.
+def _carried(state: State, ends: Sequence[list[Ball]], moved: Matrix) -> State:
+    """Return a set with its middle where that of the unknowns' middle ends, and its frame carried
+    to `moved`, which has a radius.
     """
-    module, n = flint(), len(end)
     frame = moved.mid()
     inverse = frame.inv()
     off = inverse * (moved - frame)
-    middle = [each.mid() for each in end]
-    around = module.arb_mat(n, 1, [a - b for a, b in zip(end, middle, strict=True)])
-    spread = state.spread + off * state.spread + inverse * around
+    middle = [each.mid() for each in ends[1]]
+    spread = state.spread + off * state.spread + inverse * _around(middle, *ends)
     return State(middle, frame, spread, state.slopes + off * state.slopes)
+
+
+def _around(middle: Sequence[Ball], *boxes: Sequence[Ball]) -> Matrix:
+    """Return what boxes differ from a middle by (n, k)."""
+    rows = [
+        [each - a for each in row] for a, row in zip(middle, zip(*boxes, strict=True), strict=True)
+    ]
+    return flint().arb_mat(rows)
 
 
 def _enclosure(motion: Motion, z: list[Ball], h: Ball) -> list[Ball] | None:
@@ -278,7 +299,8 @@ def passage(
     left = list(reversed(shares))
     while left:
         share = left.pop()
-        made = move(motion, state, length * share.numerator / share.denominator)
+        both = (each * share.numerator / share.denominator for each in (length, length.mid()))
+        made = move(motion, state, tuple(both))
         if made is not None and finite(made[0].box):
             state = made[0]
             during.append(made[1])

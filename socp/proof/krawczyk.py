@@ -7,7 +7,7 @@ of Z there is one, and no other (Krawczyk, Computing 4, 1969; Moore, SIAM J. Num
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from typing import Any, final
@@ -19,30 +19,36 @@ from socp.model import Expr, column
 from socp.proof.balls import Ball, Compiled, Matrix, ball, compiled, finite, flint
 from socp.proof.chain import Chain
 from socp.proof.flow import Motion, Stage, State, passage, shares
+from socp.proof.linear import identity
 
 # Of the precision: what a step may add to an enclosure. With 128 bits 1e-22, so that some hundred
 # steps add less than 1e-19; the rest of the bits is for what the motion makes of it
 _SMALL = 0.57
 _FAR = 4.0  # times the step before: Newton that goes further goes anywhere
 _NEWTON = 8  # steps: from ten digits two or three lead to all that the precision has
-# Newton ends with a step below the first after one below the second: what is left is rounding, as
-# it squares what it leaves
-_SETTLED, _QUADRATIC = 1e-12, 1e-6
+# Newton ends with a step below this: it squares what it leaves, down to rounding
+_QUADRATIC = 1e-6
 _ROUNDED = 24  # bits of the precision that a box is wide at least: rounding is a few
-_AROUND = 4  # the box in units of the last Newton step: its image has to fit with room to spare
+_AROUND = 4  # a box in units of the last Newton step: its image has to fit with room to spare
+# Of the precision: how wide the box that is tried first is where its unknown moves most with what
+# is left. With 128 bits 1e-14: more than what remainders come to on most ways, and little enough
+# to blur no sign
+_FIRST = 0.36
+_BOXES = 3  # that are tried: the first, one that tells how wide it has to be, and that one
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Run:
-    """The equations at given unknowns: what they leave (m,), its derivative (m, m), the stages
-    of every piece's motion, and z at the beginning and at every joint.
+    """The equations over a box of unknowns: what they leave in its middle (m,), their derivative
+    (m, m), the stages of every piece's motion, and z at the beginning and at every joint.
     """
 
     left: list[Ball]
     slope: Matrix
     stages: tuple[tuple[Stage, ...], ...]
     corners: tuple[list[Ball], ...]
+    states: tuple[State, ...]
 
 
 @final
@@ -121,25 +127,28 @@ class Shot:
         return found
 
     def run(self, y: Sequence[Ball], steps: list[list[Fraction]], *, rough: bool = False) -> Run:
-        """Return the equations at unknowns; of a rough run nothing is an enclosure."""
+        """Return the equations over a box of unknowns; of a rough run nothing is an enclosure."""
         module, count, begin = flint(), len(y), self.begin(y)
+        middle = [each.mid() for each in y]
+        point = self.begin(middle)
         first = self.chain.system.x.numel()
         by_begin = module.arb_mat(len(begin), count)
         for k in range(first):
             by_begin[first + k, k] = 1
         for k, i in enumerate(self.chain.free):
             by_begin[i, first + k] = 1
-        state = State.of(begin, by_begin)
-        left, rows, stages, corners = [], [], [], [begin]
+        state = State.of(begin, by_begin, point)
+        left, rows, stages, states = [], [], [], list[State]()
         pieces = zip(self.motions, self.lengths(y), self._joints, steps, strict=True)
         for k, (motion, length, (held, slopes), its) in enumerate(pieces):
-            left += _numbers(held.call(state.box))
+            left += _numbers(held.call(state.point))
             rows += _rows(slopes.call(state.box), state.derivative)
             state, its_stages = passage(motion, state, length, its, rough=rough)
             state = state.lengthened(motion, first + len(self.chain.free) + k)
             stages.append(its_stages)
-            corners.append(state.box)
-        nu = list(y[count - self.chain.nu.numel() :]) if self.chain.nu.numel() else []
+            states.append(state)
+        first_nu = count - self.chain.nu.numel()
+        nu, at = y[first_nu:], [*state.point, *point, *middle[first_nu:]]
         given, by = [*state.box, *begin, *nu], module.arb_mat(2 * len(begin) + len(nu), count)
         end = state.derivative
         for j in range(count):
@@ -147,10 +156,11 @@ class Shot:
                 by[i, j], by[len(begin) + i, j] = end[i, j], by_begin[i, j]
         for k in range(len(nu)):
             by[2 * len(begin) + k, count - len(nu) + k] = 1
-        left += _numbers(self._ends[0].call(given))
+        left += _numbers(self._ends[0].call(at))
         rows += _rows(self._ends[1].call(given), by)
         slope = module.arb_mat(count, count, [each for row in rows for each in row])
-        return Run(left, slope, tuple(stages), tuple(corners))
+        corners = begin, *(each.box for each in states)
+        return Run(left, slope, tuple(stages), corners, tuple(states))
 
 
 def _numbers(found: Sequence[Any]) -> list[Ball]:
@@ -180,9 +190,9 @@ class Proved:
     steps: list[list[Fraction]]
 
 
-def newton(shot: Shot) -> tuple[list[Ball], Matrix, list[list[Fraction]], list[Ball]]:
-    """Return unknowns without radius that nearly solve the equations, an approximate inverse Y of
-    their derivative, the steps, and Y F; SolveError where there are none.
+def newton(shot: Shot) -> tuple[list[Ball], Matrix, list[list[Fraction]]]:
+    """Return unknowns without radius that nearly solve the equations, an approximate inverse of
+    their derivative, and the steps; SolveError where there are none.
     """
     arb = flint().arb
     y = [arb(float(value)) for value in shot.chain.guess]
@@ -191,13 +201,13 @@ def newton(shot: Shot) -> tuple[list[Ball], Matrix, list[list[Fraction]], list[B
     steps = shot.shares(y)
     size = math.inf
     for _ in range(_NEWTON):
-        run = shot.run(y, steps, rough=size > _QUADRATIC)
+        run = shot.run(y, steps, rough=True)
         inverse = _inverse(run.slope)
         moved = _moved(inverse, run.left)
         before, size = size, _largest(moved)
-        if size <= _SETTLED and before <= _QUADRATIC:
-            return y, inverse, steps, moved
         y = [arb((value - change).mid()) for value, change in zip(y, moved, strict=True)]
+        if size <= _QUADRATIC:
+            return y, inverse, steps
         if not size < _FAR * before:
             break
     raise SolveError("Newton does not settle on the word's equations")
@@ -206,29 +216,64 @@ def newton(shot: Shot) -> tuple[list[Ball], Matrix, list[list[Fraction]], list[B
 def tested(shot: Shot) -> Proved:
     """Show that the equations have exactly one solution in a box around what Newton finds;
     SolveError where the test fails.
+
+    Where the first box does not contain its image, the next one is as wide as that tells; where the
+    motion over it is not enclosed, a narrow one tells.
     """
     module = flint()
-    y, inverse, steps, change = newton(shot)
-    least = 2.0 ** (_ROUNDED - module.ctx.prec)
-    radii = [module.arb(_AROUND * float(each.abs_upper()) + least) for each in change]
-    box = [module.arb(value.mid(), radius) for value, radius in zip(y, radii, strict=True)]
-    run = shot.run(box, steps)
-    count = len(y)
-    one = module.arb_mat(count, count, [int(i == j) for i in range(count) for j in range(count)])
-    rest = one - inverse * run.slope
-    around = module.arb_mat(count, 1, [module.arb(0, radius) for radius in radii])
-    spread = rest * around
-    image = [value - d + spread[i, 0] for i, (value, d) in enumerate(zip(y, change, strict=True))]
+    y, inverse, steps = newton(shot)
+    least = module.arb(2.0 ** (_ROUNDED - module.ctx.prec))
+    reach = [sum((each.abs_upper() for each in row), module.arb(0)) for row in inverse.tolist()]
+    radii = [2.0 ** (-_FIRST * module.ctx.prec) * each / max(reach) for each in reach]
+    for attempt in range(_BOXES):
+        box = [module.arb(value.mid(), radius) for value, radius in zip(y, radii, strict=True)]
+        try:
+            run = shot.run(box, steps)
+        except SolveError:
+            if attempt:
+                raise
+            radii = [least] * len(y)
+            continue
+        inverse = _inverse(run.slope)
+        change = _moved(inverse, run.left)
+        found = _proved(y, radii, change, inverse, run, steps)
+        if found is not None:
+            return found
+        y = [module.arb((a - b).mid()) for a, b in zip(y, change, strict=True)]
+        radii = [_AROUND * module.arb(each.rad()) + least for each in change]
+    raise SolveError("Krawczyk's test: the image of the box is not inside it")
+
+
+def _proved(
+    y: Sequence[Ball],
+    radii: Sequence[Ball],
+    change: Sequence[Ball],
+    inverse: Matrix,
+    run: Run,
+    steps: list[list[Fraction]],
+) -> Proved | None:
+    """Return what the run over a box around y shows, None where the image is not inside the box."""
+    module, count = flint(), len(y)
+    rest = identity(count) - inverse * run.slope
+    spread = rest * module.arb_mat(count, 1, [module.arb(0, radius) for radius in radii])
+    off = [spread[i, 0] - d for i, d in enumerate(change)]
+    room = [module.arb(0, radius) for radius in radii]
+    if not finite(off) or not all(a.contains_interior(b) for a, b in zip(room, off, strict=True)):
+        return None
     sums = [
         sum((rest[i, j].abs_upper() * radii[j] for j in range(count)), module.arb(0)) / radii[i]
         for i in range(count)
     ]
-    if not finite(image) or not all(
-        a.contains_interior(b) for a, b in zip(box, image, strict=True)
-    ):
-        raise SolveError("Krawczyk's test: the image of the box is not inside it")
-    contraction = max(map(float, sums))
-    return Proved(image, max(map(float, radii)), contraction, run, steps)
+    image = [value + d for value, d in zip(y, off, strict=True)]
+    moved = module.arb_mat(count, 1, off)
+    corners = [run.corners[0], *(state.near(moved) for state in run.states)]
+    return Proved(
+        image,
+        max(map(float, radii)),
+        max(map(float, sums)),
+        replace(run, corners=tuple(corners)),
+        steps,
+    )
 
 
 def _inverse(slope: Matrix) -> Matrix:
