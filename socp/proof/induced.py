@@ -15,6 +15,7 @@ from typing import Any, final
 
 import casadi
 
+from socp.errors import SolveError
 from socp.model import Expr, column
 from socp.proof.balls import Ball, Compiled, Matrix, coefficients, compiled, flint
 from socp.proof.chain import Chain, Piece, looks
@@ -316,14 +317,19 @@ class Induced:
         """The slopes in states and time of what vanishes where every piece begins, and the Hessian
         that it adds.
 
-        That of a kink has the multiplier zero: the motion is continuous there.
+        That of a kink has the multiplier zero, as P is continuous there: the costate is, and the
+        slopes of what a constraint keeps are where that has no kink.
         """
         found, system, before = [], self.chain.system, set[str]()
+        kinks = column(system.numbers.kinks)
         given = casadi.vertcat(system.x, system.z[-1])
         for k, part in enumerate(self.parts):
             tower = {n: column(part.piece.loop.kept[n]) for n in part.alpha if n not in before}
             rows = column([] if part.piece.joint is None else [part.piece.joint])
             rows = casadi.vertcat(*tower.values(), rows)
+            towers = column(e for name in part.alpha for e in part.piece.loop.kept[name])
+            if part.piece.joint is not None and casadi.depends_on(towers, kinks):
+                raise SolveError("a kink in a constraint along an arc")
             weighted = casadi.SX(0)
             for name, each in tower.items():
                 weighted -= casadi.dot(part.alpha[name], each)

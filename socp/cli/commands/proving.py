@@ -70,12 +70,12 @@ class Asked:
 @click.option("--json", "as_json", is_flag=True, help="Write the proof as JSON.")
 @click.pass_obj
 def prove(session: Session, /, result: str, bits: int, problem: str | None, as_json: bool) -> int:
-    """Prove that the extremal of a saved result exists, and enclose its objective and switching
-    times.
+    """Prove that the extremal of a saved result exists, enclose its objective and switching times,
+    and prove that it is a local minimum of its word.
 
     Krawczyk's test on the word's equations in ball arithmetic shows that they have exactly one
     solution in a small box; enclosures show that it satisfies every condition of Pontryagin's
-    principle. The laws of singular and boundary arcs are derived anew. It needs python-flint:
+    principle, and the sign of the Hessian of the word's own problem. The laws of singular and boundary arcs are derived anew. It needs python-flint:
     `pip install 'socp[prove]'`. Exit code 1 where it is not proved; the report says at which step,
     and why.
     """
