@@ -27,17 +27,6 @@ from socp.proof.steering import Steered, steered
 
 @final
 @dataclass(frozen=True, eq=False)
-class Second:
-    """Derivatives in the variables q (n,): the Hessian (n, n) of the Lagrangian, and the rows (m,
-    n) of the conditions.
-    """
-
-    hessian: Matrix
-    rows: Matrix
-
-
-@final
-@dataclass(frozen=True, eq=False)
 class Part:
     """A piece with its motion, and its derivatives along the motion of z as functions of z and
     alpha: the multipliers mu, the entries of F_X (n, n) and of K_XX (n, n).
@@ -55,38 +44,48 @@ class Part:
         return casadi.vertcat(self.shot.chain.system.z, *self.alpha.values())
 
     @cached_property
-    def moved(self) -> Expr:
-        """What P differs from the costate by (nx, 1), whose scalar product with a function's slopes
-        it is: sum of alpha_j c^(j).
-        """
-        found = casadi.SX(0)
-        for name, alpha in self.alpha.items():
-            found += casadi.dot(alpha, column(self.piece.loop.kept[name]))
-        return found
-
-    @cached_property
     def multipliers(self) -> Compiled:
         """The multipliers mu of the constraints as a function of z."""
         found = column(self.piece.loop.multipliers[name] for name in self.alpha)
         return self._compiled(found, self.shot.chain.system.z)
 
     @cached_property
+    def adjoint(self) -> Expr:
+        """Symbols of P for the states (nx, 1); for eta it is zero, and for time it matters not."""
+        return casadi.SX.sym("P", self.shot.chain.system.x.numel())
+
+    @cached_property
+    def energy(self) -> Expr:
+        """K = L + P . F as an expression of X and P, without P's share of time."""
+        count = self.adjoint.numel()
+        return self.its.running + casadi.dot(self.adjoint, self.its.rate[:count])
+
+    @cached_property
     def entries(self) -> tuple[Compiled, list[tuple[int, int]], int]:
         """The entries that are not zero, their places, those of K_XX below F_X, and n."""
-        system, its = self.shot.chain.system, self.its
-        n, nx = its.state.numel(), system.x.numel()
-        adjoint = casadi.SX.sym("P", nx)
-        energy = its.running + casadi.dot(adjoint, its.rate[:nx])
-        form = casadi.hessian(energy, its.state)[0]
-        put = system.costate + casadi.gradient(self.moved, system.x)
-        eta = its.state[nx + 1 :]
-        both = casadi.vertcat(casadi.jacobian(its.rate, its.state), form)
-        # one after the other: eta's symbols are those of costates, and P is made of these
-        both = casadi.substitute(both, eta, its.begins)
-        both = casadi.sparsify(casadi.substitute(both, adjoint, put))
+        x = self.its.state
+        form = casadi.hessian(self.energy, x)[0]
+        both = casadi.sparsify(self._along(casadi.vertcat(casadi.jacobian(self.its.rate, x), form)))
         rows, columns = both.sparsity().get_triplet()
         found = casadi.vertcat(casadi.SX(0, 1), *both.nonzeros())
-        return self._compiled(found, self.symbols), list(zip(rows, columns, strict=True)), n
+        return self._compiled(found, self.symbols), list(zip(rows, columns, strict=True)), x.numel()
+
+    @cached_property
+    def ends(self) -> Compiled:
+        """F (n, 1) and K_X (n, 1) as a function of z and alpha."""
+        both = casadi.vertcat(self.its.rate, casadi.gradient(self.energy, self.its.state))
+        return self._compiled(self._along(both), self.symbols)
+
+    def _along(self, expression: Expr) -> Expr:
+        """Return an expression of X and P along the motion of z."""
+        system, kept = self.shot.chain.system, casadi.SX(0)
+        for name, alpha in self.alpha.items():
+            kept += casadi.dot(alpha, column(self.piece.loop.kept[name]))
+        eta = self.its.state[self.adjoint.numel() + 1 :]
+        # eta first: its symbols are those of costates, and P is made of these
+        found = casadi.substitute(expression, eta, self.its.begins)
+        at = system.costate + casadi.gradient(kept, system.x)
+        return casadi.substitute(found, self.adjoint, at)
 
     def _compiled(self, expression: Expr, given: Expr) -> Compiled:
         return compiled(expression, given, self.shot.at(self.piece.signs))
@@ -104,17 +103,6 @@ class Part:
             for each, matrix in zip(found, both, strict=True):
                 each.append(matrix)
         return found
-
-    @cached_property
-    def ends(self) -> Compiled:
-        """F (n, 1) and K_X (n, 1) as a function of z and alpha."""
-        system, its, nx = self.shot.chain.system, self.its, self.shot.chain.system.x.numel()
-        adjoint = casadi.SX.sym("P", nx)
-        energy = its.running + casadi.dot(adjoint, its.rate[:nx])
-        both = casadi.vertcat(its.rate, casadi.gradient(energy, its.state))
-        both = casadi.substitute(both, its.state[nx + 1 :], its.begins)
-        put = system.costate + casadi.gradient(self.moved, system.x)
-        return self._compiled(casadi.substitute(both, adjoint, put), self.symbols)
 
 
 @final

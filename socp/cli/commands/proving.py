@@ -75,9 +75,9 @@ def prove(session: Session, /, result: str, bits: int, problem: str | None, as_j
 
     Krawczyk's test on the word's equations in ball arithmetic shows that they have exactly one
     solution in a small box; enclosures show that it satisfies every condition of Pontryagin's
-    principle, and the sign of the Hessian of the word's own problem. The laws of singular and boundary arcs are derived anew. It needs python-flint:
-    `pip install 'socp[prove]'`. Exit code 1 where it is not proved; the report says at which step,
-    and why.
+    principle, and the sign of the Hessian of the word's own problem. The laws of singular and
+    boundary arcs are derived anew. It needs python-flint: `pip install 'socp[prove]'`. Exit code 1
+    where the extremal is not proved; the report says at which step, and why.
     """
     from socp.proof import prove as proof_of
 
