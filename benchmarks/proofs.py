@@ -1,6 +1,6 @@
 """What `socp prove` and `socp bound` prove of the registered problems: the enclosure of the
-objective, what the curvature of the word's own problem is at least, the lower bound of every
-control's objective, its gap, and what these cost.
+objective, the radius of the box with exactly one solution, what the curvature of the word's own
+problem is at least, the lower bound of every control's objective, its gap, and what these cost.
 
 Run as `python benchmarks/proofs.py [NAME ...]`: every problem is solved by `auto`, and proved, with
 the CPU seconds of it; what is not proved is told with the step and the reason. `--only bound`
@@ -56,13 +56,14 @@ def spent() -> float:
 
 
 def existence(problem: Problem, solution: Solution, given: argparse.Namespace) -> list[str]:
-    """Return the enclosure of the objective and the least curvature."""
+    """Return the enclosure of the objective, the radius of the box and the least curvature."""
     proof = prove(problem, solution, given.bits)
     if not proof.holds:
-        return [f"not proved: {proof.step}: {proof.reason}", ""]
+        return [f"not proved: {proof.step}: {proof.reason}", "", ""]
     least, free = proof.minimum.least, proof.minimum.free
     curvature = "nothing free" if least is None else f"{least:.6g} ({free})"
-    return [" ± ".join(proof.objective), proof.minimum.reason or curvature]
+    radius = f"{proof.radius:.0e}"
+    return [" ± ".join(proof.objective), radius, proof.minimum.reason or curvature]
 
 
 def bounded(problem: Problem, solution: Solution, given: argparse.Namespace) -> list[str]:
@@ -85,7 +86,7 @@ def main() -> None:
     given = parser.parse_args()
     registry = Registry.load()
     columns = ["problem", "word"]
-    columns += ["objective", "curvature", "CPU s"] if given.only != "bound" else []
+    columns += ["objective", "radius", "curvature", "CPU s"] if given.only != "bound" else []
     columns += ["lower bound", "gap", "CPU s"] if given.only != "prove" else []
     table = Table(*columns, box=None)
     for name in given.names or sorted(registry.problems):
