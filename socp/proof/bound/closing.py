@@ -269,6 +269,8 @@ def _moved(
     for _ in range(_ROUNDS):
         last, cheap = cheap, []
         found = domain(task.setting, task.hull, widening, first, also)
+        if outer and not found.region.within(outer[-1].region):
+            break  # moved out of what the functions around it hold on
         try:
             its = [_exit(task, found, side, outer, (clock, rounds)) for side in found.exits]
         except (SolveError, LateError):

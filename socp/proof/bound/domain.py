@@ -82,6 +82,11 @@ class Setting:
             None if None in highs else max(highs),
         )
 
+    def anywhere(self, place: int) -> Limits:
+        """Return the interval of a variable's rate wherever the bounds of the problem let it be."""
+        its = (self.given("bounds", k) for k in range(self.time))
+        return self.fastest(place, [*its, _NOWHERE])
+
     def idle(self) -> set[int]:
         """Return the places of states that nothing depends on, not even through a function, and
         that the problem leaves without bounds: functions may be linear in them on all states.
@@ -221,7 +226,9 @@ def _settle(
     """
     k, side = which
     here, width = box[k][side], _width(box[k])
-    natural = _written(setting, hull, k, side)
+    low, high = setting.anywhere(k)
+    one_way = (low is not None and low >= 0) or (high is not None and high <= 0)
+    natural = _written(setting, hull, k, side) if one_way else []
     natural += [Fraction(0)] if side == 0 and hull[setting.names[k]][0] >= 0 else []
     for value in [*natural, here, *(_moved(here, side, Fraction(w) * width) for w in _OUT)]:
         trial = [*box[:k], _with(box[k], side, value), *box[k + 1 :]]
@@ -262,8 +269,7 @@ def _one_way(setting: Setting, box: Sequence[Limits], which: tuple[int, int]) ->
     """
     k, side = which
     end, sign = setting.given("end", k)[side], 1 if side else -1
-    everywhere = [*(setting.given("bounds", i) for i in range(setting.time)), _NOWHERE]
-    back = setting.fastest(k, everywhere)[1 - side]
+    back = setting.anywhere(k)[1 - side]
     value = box[k][side]
     inside = end is not None and value is not None and (end - value) * sign <= 0
     return inside and back is not None and back * sign >= 0

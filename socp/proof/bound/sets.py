@@ -40,6 +40,15 @@ class Region:
         """Tell whether a variable has both bounds."""
         return None not in self.box[place]
 
+    def within(self, other: "Region") -> bool:
+        """Tell whether a region is in another one, as the boxes of the base variables are."""
+        pairs = zip(self.box[: self.lift.base], other.box, strict=False)
+        return all(
+            (b[0] is None or (a[0] is not None and b[0] <= a[0]))
+            and (b[1] is None or (a[1] is not None and a[1] <= b[1]))
+            for a, b in pairs
+        )
+
     def face(self, places: Mapping[int, int]) -> "Region":
         """Return where variables are at their sides 0 (below) or 1."""
         box = list(self.box[: self.lift.base])
