@@ -7,19 +7,17 @@ from math import inf
 from typing import Any, final
 
 from socp.errors import SolveError
-from socp.proof.bound.comparing import Beyond, Sides
+from socp.proof.bound.comparing import Beyond, Sides, both, nonnegative
 from socp.proof.bound.reading import (
     Box,
     Ends,
     Model,
     Poly,
     around,
-    both,
     by,
     disc,
     image,
     monomial,
-    nonnegative,
     on_circle,
     plus,
     polynomial,
@@ -206,6 +204,7 @@ class Check:
                 {e: 2 * c / (high - low) for e, c in self.model.variable(k).items()},
                 self.model.number(-(high + low) / (high - low)),
             )
+        require(all(not e[k] for e in p for k in self.model.rough), "a function that is smooth")
         return put(p, maps)
 
     def _shown(self, proof: Sequence[Any], p: Poly, box: Box, guards: Sequence[Poly]) -> Fraction:
@@ -258,7 +257,8 @@ class Check:
 
     def _inside(self) -> list[Poly]:
         """Return what is at least zero along every admissible trajectory."""
-        return [plus({}, each, -_ONE) for each in self.path if not self.beyond.depends(each)]
+        path = [plus({}, each, -_ONE) for each in self.path if not self.beyond.depends(each)]
+        return [*path, *self.model.facts()]
 
     def initial(self, k: int) -> Any:
         """Return the interval in which a variable starts."""

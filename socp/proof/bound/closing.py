@@ -35,7 +35,7 @@ _ROUNDS = 8
 # asked for with so much over, the least that what rounding leaves stays below
 _MARGINS = (1e-6, 1e-5, 1e-4)
 _FINE = 10**12  # of a square root
-_TELLING = 0.5  # seconds: what is over sooner says little of how fast a machine is
+_TELLING = 0.5  # seconds: a smaller programme says little of how fast a machine is
 
 
 @final
@@ -56,7 +56,7 @@ class Clock:
         if expected > self():
             raise LateError(f"there was no time for a programme of {expected:.0f} s")
         found = solved(objective, blocks, self, enough)
-        if found.seconds > _TELLING:
+        if min(found.seconds, expense(blocks)) > _TELLING:
             self._paces.append(found.seconds / expense(blocks))
         return found
 
@@ -159,7 +159,7 @@ def ansatz_of(given: Setting, region: Region, degree: int, exit_: int | None = N
     beside them alone where the final cost is linear in it; functions that hardly vary are left out.
     """
     lift, caps, alone = given.lift, dict[int, int](), set[int]()
-    steady = {k for _, k, _ in lift.functions if region.steady(k)}
+    steady = {k for _, k, _ in lift.functions if region.steady(k)} | lift.rough()
     appear, through = lift.appear(steady), lift.through()
     final = given.final.degrees()
     for k in range(lift.base + len(lift.functions)):
@@ -167,7 +167,7 @@ def ansatz_of(given: Setting, region: Region, degree: int, exit_: int | None = N
         if k in steady or (k == given.time and (given.free or hidden)):
             continue
         if hidden and final[k] <= 1:
-            caps |= {k: 1} if final[k] or k == exit_ else {}
+            caps |= {k: 1} if final[k] > 0 or k == exit_ else {}
             alone.add(k)
         elif region.bounded(k):
             caps[k] = degree
@@ -245,9 +245,9 @@ def closed(
     half = clock.share(2)
     for rounds in (_ROUNDS, 1):
         region, exits = _moved(task, also, outer, half, rounds)
-        if region is not None and all(each.value > -inf for each in exits):
-            break
-    else:
+        if all(each.data for each in exits):
+            break  # none that there was no time for
+    if region is None or any(each.value == -inf for each in exits):
         raise SolveError("the states are not shown to stay within a region")
     if outer and any(each.value <= outer[-1].found.value for each in exits):
         raise SolveError("leaving a narrower region is not shown to cost more")
@@ -279,10 +279,9 @@ def _moved(
             break  # the last sides are as good as there was time for
         region, exits = found.region, its
         for side, each in zip(found.exits, exits, strict=True):
-            goal = each.value if task.goal is None else task.goal
-            if each.value == -inf or each.value < goal - _PART * gap:
+            if task.goal is not None and each.value < task.goal - _PART * gap:
                 vain = side in last and each.value - known[side] <= _MOVED * gap
-                enough = each.value >= goal - _HALF * gap
+                enough = each.value >= task.goal - _HALF * gap
                 cheap += [] if vain and enough else [side]
             known[side] = each.value
         if not cheap:
@@ -338,7 +337,8 @@ def _exit(
             best = replace(its, data={**its.data, "variable": place, "side": end, "after": kind})
         if best.value > -inf and (task.goal is None or best.value >= task.goal):
             break
-    if best is None and isinstance(reason, LateError) and times[1] > 1:
+    late = isinstance(reason, LateError) and times[1] > 1
+    if best is None and late and kind == "barrier":
         return Found(-inf, lift.zero, {})  # there may be a barrier further out that takes less time
     if best is None:
         raise reason

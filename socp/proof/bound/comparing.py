@@ -10,7 +10,7 @@ from itertools import combinations
 from math import inf
 from typing import Any, final
 
-from socp.proof.bound.reading import Box, Model, Poly, at, plus, put, ranged, require
+from socp.proof.bound.reading import Box, Ends, Model, Poly, at, plus, put, ranged, require
 
 Sides = Mapping[int, int]  # variable -> 0 where what is below its side is clipped, 1 above
 _WHOLE = (Fraction(-1), Fraction(1))
@@ -36,6 +36,7 @@ class Beyond:
         variable j depends on k.
         """
         model, pairs = self._model, []
+        require(not self.sides or not model.rough, "how what is not smooth depends on a state")
         for k in self.sides:
             self._require_rising(k, final, -1, "the final cost")
             for vertex in vertices:
@@ -123,3 +124,33 @@ def _image(function: str, of: Any) -> Any:
     if low >= 0:  # a denominator is not zero
         return ends[1], inf if ends[0] is None else ends[0]
     return -inf if ends[1] is None else ends[1], ends[0]
+
+
+def nonnegative(nodes: Sequence[Any], place: int | None) -> bool:
+    """Tell whether an entry is at least zero by its operations alone."""
+    if place is None:
+        return True
+    node = nodes[place]
+    if isinstance(node, (int, float)):
+        return node >= 0
+    if isinstance(node, str):
+        return False
+    if node[0] in {"sq", "exp", "fabs"}:
+        return True
+    return node[0] in {"add", "mul", "div", "twice"} and all(
+        nonnegative(nodes, k) for k in node[1:]
+    )
+
+
+def both(a: Any, b: Any) -> Ends | None:
+    """Return what two intervals have in common, None unless it has two ends."""
+    low = max(
+        (each[0] for each in (a, b) if each is not None and each[0] is not None), default=None
+    )
+    high = min(
+        (each[1] for each in (a, b) if each is not None and each[1] is not None), default=None
+    )
+    if low is None or high is None:
+        return None
+    require(low <= high, "that there are admissible ends")
+    return low, high

@@ -11,8 +11,8 @@ from socp.errors import SolveError
 from socp.model import Problem
 from socp.proof.bound.ansatz import at_vertex
 from socp.proof.bound.clipping import Pairs, clips
+from socp.proof.bound.comparing import nonnegative
 from socp.proof.bound.lifting import Lift, Limits, Polynomial, fraction, lifted, limits, span
-from socp.proof.bound.reading import nonnegative
 from socp.proof.bound.sets import Region, with_ranges
 
 Hull = Mapping[str, tuple[float, float]]
@@ -187,7 +187,7 @@ def domain(
             for k, side in exits
             if clipped.get(k) != side and not _kept(setting, box, (k, side))
         ]
-    guards = [-each for each in lift.path if not lift.depends(each, clipped)]
+    guards = [-each for each in lift.path if not lift.depends(each, clipped)] + lift.facts()
     return Domain(Region(lift, with_ranges(lift, box), guards, clipped, pairs), exits)
 
 

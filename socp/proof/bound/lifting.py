@@ -29,8 +29,10 @@ _PLAIN: Mapping[str, Callable[..., Polynomial]] = {
     "sq": lambda a: a * a,
     "twice": lambda a: 2 * a,
 }
-_LIFTED = {"exp", "sin", "cos", "tanh", "inv"}
-_MAKING = {*_LIFTED, "div", "pow", "constpow"}  # entries that may make functions, two at most
+_ROUGH = {"fabs", "sqrt"}  # without rates: known by what they satisfy
+_LIFTED = {"exp", "sin", "cos", "tanh", "inv", "sqrt"}
+# Entries that may make functions, two at most
+_MAKING = {*_LIFTED, "fabs", "fmin", "fmax", "div", "pow", "constpow"}
 
 
 def enclosed(value: float) -> Ends:
@@ -79,10 +81,11 @@ class Lift:
 
     def appear(self, but: Container[int] = ()) -> set[int]:
         """Return the places of base variables that rates, but those of some variables, costs or
-        constraints depend on, other than through functions.
+        constraints depend on, other than through functions that have rates.
         """
+        rough = [of for name, _, of in self.functions if name in _ROUGH]
         rates = [rate for k, rate in enumerate(self.rates) if k not in but]
-        its = [*rates, self.running, *self.path]
+        its = [*rates, self.running, *self.path, *rough]
         return {
             k for each in its for k, degree in enumerate(each.degrees()[: self.base]) if degree > 0
         }
@@ -96,8 +99,22 @@ class Lift:
         """Return the places of base variables that functions are of which are bounded only where
         those are.
         """
-        its = [of for name, _, of in self.functions if name in {"exp", "inv"}]
+        its = [of for name, _, of in self.functions if name in {"exp", "inv", *_ROUGH}]
         return {k for of in its for k, degree in enumerate(of.degrees()[: self.base]) if degree > 0}
+
+    def rough(self) -> set[int]:
+        """Return the places of functions without a rate."""
+        return {k for name, k, _ in self.functions if name in _ROUGH}
+
+    def facts(self) -> list[Polynomial]:
+        """Return what is at least zero of functions without a rate."""
+        found = []
+        for name, k, of in self.functions:
+            own = self.ring.gen(k)
+            if name in _ROUGH:
+                left = own**2 - (of**2 if name == "fabs" else of)
+                found += [*([own - of, own + of] if name == "fabs" else [own]), left, -left]
+        return found
 
     def field(self, base: Sequence[Polynomial]) -> list[Polynomial]:
         """Return the rates of all variables but controls by those of the base variables."""
@@ -154,6 +171,8 @@ def lifted(problem: Problem) -> Lift:
 
 def _rate(lift: Lift, operation: str, place: int, slope: Polynomial) -> Polynomial:
     """Return the rate of a function by that of its argument."""
+    if operation in _ROUGH:
+        return lift.zero
     own = lift.ring.gen(place)
     partner = {"sin": 1, "cos": -1}.get(operation, 0)
     if partner:  # sine and cosine stand side by side
@@ -204,6 +223,9 @@ class _Reader:
             return values[0] * self._function("inv", values[1])
         if operation == "fabs":
             return self._size(values[0])
+        if operation in {"fmin", "fmax"}:
+            apart = self._size(values[0] - values[1])
+            return (values[0] + values[1] + (apart if operation == "fmax" else -apart)) / 2
         if operation in _LIFTED:
             return self._function(operation, values[0])
         raise SolveError(f"'{operation}' has no polynomial rate here")
@@ -223,14 +245,14 @@ class _Reader:
         return self._function("inv", found) if exponent < 0 else found
 
     def _size(self, of: Polynomial) -> Polynomial:
-        """Return the modulus of what has one sign by the bounds of the problem."""
+        """Return a modulus: of what has one sign by the bounds of the problem, as it is."""
         names = self._lift.names
         low, high = span(of, [limits(self._bounds.get(name, (-inf, inf))) for name in names])
         if low is not None and low >= 0:
             return of
         if high is not None and high <= 0:
             return -of
-        raise SolveError("fabs of what the bounds give no sign has no polynomial")
+        return self._function("fabs", of)
 
     def _function(self, operation: str, of: Polynomial) -> Polynomial:
         lift = self._lift
@@ -238,6 +260,8 @@ class _Reader:
             return self._number(operation, of)
         if any(of.degrees()[k] > 0 for k in lift.controls):
             raise SolveError(f"'{operation}' of a control")
+        if any(of.degrees()[k] > 0 for k in lift.rough()):
+            raise SolveError(f"'{operation}' of what has no rate")
         pair = ("sin", "cos") if operation in {"sin", "cos"} else (operation,)
         for k, (known, _, argument) in enumerate(lift.functions):
             if known == operation and argument == of:

@@ -18,7 +18,8 @@ Box = list[Ends | None]  # None: without bounds
 
 _WHOLE = (Fraction(-1), Fraction(1))
 _DIGITS, _APART = 12, Fraction(1, 10**15)  # floats with more digits are enclosed, relative
-_FUNCTIONS = ("exp", "sin", "cos", "tanh", "inv")
+_ROUGH = ("fabs", "sqrt")  # without rates: known by what they satisfy
+_FUNCTIONS = ("exp", "sin", "cos", "tanh", "inv", *_ROUGH)
 
 
 def require(holds: bool, what: str) -> None:
@@ -73,6 +74,10 @@ def image(function: str, of: Ends | None) -> Ends | None:
     """Return an interval around a function on an interval."""
     if of is None:
         return _WHOLE if function in {"sin", "cos", "tanh"} else None
+    if function == "fabs":
+        return max(of[0], -of[1], Fraction(0)), max(-of[0], of[1])
+    if function == "sqrt":
+        return Fraction(0), at(function, max(of[1], Fraction(0)))[1]
     if function == "inv":
         return None if of[0] <= 0 <= of[1] else (1 / of[1], 1 / of[0])
     if function in {"exp", "tanh"}:  # both increase
@@ -161,6 +166,8 @@ class Model:
             argument = polynomial(of, self.count)
             known = len(self.base) + len(self.functions)
             require(name in _FUNCTIONS and within(argument, known), "a function of what is known")
+            smooth = all(not e[k] for e in argument for k in self.rough)
+            require(smooth, "a function of what has a rate")
             self.functions.append((name, argument))
         self._done: dict[int, Poly] = {}
         rates = [self.of(statement["dynamics"][name]) for name in statement["states"]]
@@ -185,6 +192,23 @@ class Model:
         """Return the derivative of a polynomial by a state, through functions too."""
         unit = [self.number(Fraction(int(i == k))) for i in range(len(self.base))]
         return self.along(p, self.field(unit))
+
+    @property
+    def rough(self) -> list[int]:
+        """Variables that are functions without a rate."""
+        its = [k for k, (name, _) in enumerate(self.functions) if name in _ROUGH]
+        return [len(self.base) + k for k in its]
+
+    def facts(self) -> list[Poly]:
+        """Return what is at least zero of functions without a rate."""
+        found = []
+        for k in self.rough:
+            name, of = self.functions[k - len(self.base)]
+            own, square = self.variable(k), by(of, of) if name == "fabs" else of
+            left = plus(by(own, own), square, Fraction(-1))
+            sides = [plus(own, of, Fraction(-1)), plus(own, of)] if name == "fabs" else [own]
+            found += [*sides, left, plus({}, left, Fraction(-1))]
+        return found
 
     def number(self, value: Fraction) -> Poly:
         """Return a number as a polynomial."""
@@ -228,6 +252,8 @@ class Model:
             "twice": lambda: plus(a, a),
             "div": lambda: by(a, self._function("inv", b)),
             "fabs": lambda: self._size(a),
+            "fmin": lambda: self._mean(a, b, Fraction(-1)),
+            "fmax": lambda: self._mean(a, b, Fraction(1)),
         }
         return plain[name]() if name in plain else self._function(name, a)
 
@@ -253,11 +279,18 @@ class Model:
             if all(abs(float(each)) < inf for each in its):
                 box[self.places[name]] = around(float(its[0]))[0], around(float(its[1]))[1]
         its = ranged(a, box)
-        require(its is not None and (its[0] >= 0 or its[1] <= 0), "the sign inside fabs")
-        return a if its is not None and its[0] >= 0 else plus({}, a, Fraction(-1))
+        if its is None or its[0] < 0 < its[1]:
+            return self._function("fabs", a)
+        return a if its[0] >= 0 else plus({}, a, Fraction(-1))
+
+    def _mean(self, a: Poly, b: Poly, sign: Fraction) -> Poly:
+        apart = self._size(plus(a, b, Fraction(-1)))
+        return {e: c / 2 for e, c in plus(plus(a, b), apart, sign).items()}
 
     def _rate(self, k: int, name: str, inner: Poly) -> Poly:
         own, argument = self.variable(k), self.functions[k - len(self.base)][1]
+        if name in _ROUGH:
+            return {}
         outer = {
             "exp": lambda: own,
             "tanh": lambda: plus(self.number(Fraction(1)), by(own, own), Fraction(-1)),
@@ -359,33 +392,3 @@ def on_circle(p: Poly, s: int, c: int) -> Poly:
             term = plus(term, up)
         found = plus(found, term)
     return found
-
-
-def nonnegative(nodes: Sequence[Any], place: int | None) -> bool:
-    """Tell whether an entry is at least zero by its operations alone."""
-    if place is None:
-        return True
-    node = nodes[place]
-    if isinstance(node, (int, float)):
-        return node >= 0
-    if isinstance(node, str):
-        return False
-    if node[0] in {"sq", "exp", "fabs"}:
-        return True
-    return node[0] in {"add", "mul", "div", "twice"} and all(
-        nonnegative(nodes, k) for k in node[1:]
-    )
-
-
-def both(a: Any, b: Any) -> Ends | None:
-    """Return what two intervals have in common, None unless it has two ends."""
-    low = max(
-        (each[0] for each in (a, b) if each is not None and each[0] is not None), default=None
-    )
-    high = min(
-        (each[1] for each in (a, b) if each is not None and each[1] is not None), default=None
-    )
-    if low is None or high is None:
-        return None
-    require(low <= high, "that there are admissible ends")
-    return low, high

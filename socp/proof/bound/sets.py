@@ -143,16 +143,22 @@ def _range(operation: str, of: Limits) -> Limits:
     low, high = of
     if low is None or high is None:
         return _WHOLE if operation in {"sin", "cos", "tanh"} else (None, None)
+    if operation == "fabs":
+        return max(low, -high, Fraction(0)), max(-low, high)
     if operation == "inv":
-        if low <= 0 <= high:
-            return None, None
-        return _outward(1 / high), -_outward(-1 / low)
+        return (None, None) if low <= 0 <= high else _shortened(1 / high, 1 / low)
+    if operation == "sqrt":
+        return Fraction(0), -_outward(-_ball(operation, max(high, Fraction(0)))[1])
     if operation in {"exp", "tanh"}:
-        return _outward(_ball(operation, low)[0]), -_outward(-_ball(operation, high)[1])
+        return _shortened(_ball(operation, low)[0], _ball(operation, high)[1])
     # the mean value theorem at the middle: slopes of sine and cosine are at most one
     near = _ball(operation, (low + high) / 2)
     reach = (high - low) / 2
     return max(_outward(near[0] - reach), _WHOLE[0]), min(-_outward(-near[1] - reach), _WHOLE[1])
+
+
+def _shortened(low: Fraction, high: Fraction) -> Limits:
+    return _outward(low), -_outward(-high)
 
 
 def _outward(value: Fraction) -> Fraction:
