@@ -153,7 +153,9 @@ def _size(given: Setting, region: Region) -> float:
     return float(high - low) / 2 if low is not None and high is not None and low < high else 1.0
 
 
-def ansatz_of(given: Setting, region: Region, degree: int, exit_: int | None = None) -> Ansatz:
+def ansatz_of(
+    given: Setting, region: Region, degree: int, exit_: int | None = None, *, timed: bool = True
+) -> Ansatz:
     """Return the functions of a degree, or those that close a side of the variable `exit_`: linear
     in what has no bounds, or without it; what enters through functions alone stands in them, and
     beside them alone where the final cost is linear in it; functions that hardly vary are left out.
@@ -164,7 +166,7 @@ def ansatz_of(given: Setting, region: Region, degree: int, exit_: int | None = N
     final = given.final.degrees()
     for k in range(lift.base + len(lift.functions)):
         hidden = k in through and k not in appear
-        if k in steady or (k == given.time and (given.free or hidden)):
+        if k in steady or (k == given.time and (given.free or hidden or not timed)):
             continue
         if hidden and final[k] <= 1:
             caps |= {k: 1} if final[k] > 0 or k == exit_ else {}
@@ -321,15 +323,17 @@ def _exit(
     region, lift, (place, end) = within.region, within.region.lift, side
     face = region.face({place: end})
     best: Found | None = None
+    late = False  # there was no time for a barrier
     reason: Exception = SolveError(f"nothing is known of who leaves '{lift.names[place]}'")
     for kind, degree, cost, floor, enough in _tries(task, region, outer):
         clock = times[0].share(times[1]) if kind == "barrier" else times[0]
         try:
-            ansatz = ansatz_of(task.setting, region, degree, place)
+            timed = not task.setting.ageless(region)
+            ansatz = ansatz_of(task.setting, region, degree, place, timed=timed)
             ends = below(ansatz, "exit", face, floor)
             its = subsolution(task.setting, ansatz, cost, ends, clock, enough)
         except (SolveError, LateError) as error:
-            reason = error
+            reason, late = error, late or (kind == "barrier" and isinstance(error, LateError))
             continue
         if kind == "barrier":  # nobody gets there, or nothing is shown
             its = replace(its, value=inf if its.value > _CLEAR * enough else -inf)
@@ -337,8 +341,7 @@ def _exit(
             best = replace(its, data={**its.data, "variable": place, "side": end, "after": kind})
         if best.value > -inf and (task.goal is None or best.value >= task.goal):
             break
-    late = isinstance(reason, LateError) and times[1] > 1
-    if best is None and late and kind == "barrier":
+    if best is None and late and times[1] > 1:
         return Found(-inf, lift.zero, {})  # there may be a barrier further out that takes less time
     if best is None:
         raise reason

@@ -82,6 +82,13 @@ class Setting:
             None if None in highs else max(highs),
         )
 
+    def ageless(self, region: Region) -> bool:
+        """Tell whether functions on a region may well do without the time, though it is given: data
+        do not depend on it, and what would last is clipped.
+        """
+        timed = self.lift.appear() | self.lift.through()
+        return bool(region.clipped) and not self.free and self.time not in timed
+
     def anywhere(self, place: int) -> Limits:
         """Return the interval of a variable's rate wherever the bounds of the problem let it be."""
         its = (self.given("bounds", k) for k in range(self.time))

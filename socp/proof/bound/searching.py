@@ -69,8 +69,10 @@ def bounds(job: Job) -> Iterator[LowerBound]:
         except (SolveError, LateError) as error:
             search.reason = error
             continue
-        grounds.append(_Ground(*its, search.stages, list(degrees)))
-        yield from search.climbed(grounds[-1], clock.share(1 if k + 1 == len(passes) else 2))
+        stages = search.stages
+        for timed in (False, True) if given.ageless(its[0]) else (True,):
+            grounds.append(_Ground(*its, stages, list(degrees), timed))
+            yield from search.climbed(grounds[-1], clock.share(1 if k + 1 == len(passes) else 2))
     for ground in reversed(grounds):  # what there was no time for while others waited
         yield from search.climbed(ground, clock)
     if search.best is None:
@@ -80,14 +82,16 @@ def bounds(job: Job) -> Iterator[LowerBound]:
 @final
 @dataclass(eq=False)
 class _Ground:
-    """A region with what closes its open sides, the stages around it, the degrees to come, how long
-    the last one took, the gap that it left, and how many in a row were not worth it.
+    """A region with what closes its open sides, the stages around it, the degrees to come, whether
+    functions depend on the time, how long the last one took, the gap that it left, and how many in
+    a row were not worth it.
     """
 
     region: Region
     exits: list[Found]
     outer: list[Stage]
     degrees: list[int]
+    timed: bool = True
     spent: float = 0.0
     gap: float = inf
     stalled: int = 0
@@ -139,7 +143,7 @@ class _Search:
 
     def _of_degree(self, ground: _Ground, degree: int, clock: Clock) -> Found:
         given = self.task.setting
-        ansatz = ansatz_of(given, ground.region, degree)
+        ansatz = ansatz_of(given, ground.region, degree, timed=ground.timed)
         ends = below(ansatz, "at the end", ends_of(given, ground.region), given.final)
         return subsolution(given, ansatz, given.running, ends, clock, self.task.enough)
 
