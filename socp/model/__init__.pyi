@@ -22,6 +22,7 @@ from .evaluation import end_symbols as end_symbols
 from .evaluation import end_values as end_values
 from .evaluation import evaluate as evaluate
 from .evaluation import fast as fast
+from .evaluation import function_of as function_of
 from .evaluation import lately as lately
 from .evaluation import magnitude as magnitude
 from .evaluation import mayer_function as mayer_function

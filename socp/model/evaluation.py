@@ -164,6 +164,20 @@ def constraint_function(problem: Problem, constraint: Constraint) -> casadi.Func
     return casadi.Function("c", [problem.x, time, problem.p], [constraint.expression])
 
 
+@of_motion
+def function_of(problem: Problem, given: list[Expr], expression: Expr) -> casadi.Function:
+    """Return an expression as a function of given symbols, built once for as long as it is among
+    those that were asked for last.
+    """
+    # the expression stays with its function: it is told by its entries' places in memory
+    key = len(given), *expression.shape, *(each.element_hash() for each in expression.elements())
+
+    def make() -> tuple[Expr, casadi.Function]:
+        return expression, casadi.Function("e", given, [casadi.densify(expression)])
+
+    return lately(problem, function_of, key, make, _EXPRESSIONS)[1]
+
+
 def evaluate(function: casadi.Function, *given: np.ndarray) -> list[np.ndarray]:
     """Evaluate a function of columns (rows, n), times and parameters at n points.
 
@@ -220,6 +234,7 @@ def _sized(function: casadi.Function, given: tuple[np.ndarray | float, ...]) -> 
     return ValueError(f"{function}: given {', '.join(str(np.shape(each)) for each in given)}")
 
 
+_EXPRESSIONS = 16  # of a problem whose functions are kept: what is looked at along its arcs
 _DESK = "desk"  # where they stand beside what a function has of its own
 _DESKS = 4  # of a function, for as many counts of points: solves in turns keep to a few
 
@@ -245,7 +260,6 @@ class _Desk:
                     place(i, each.reshape(-1).data)
 
 
-@once
 def _ports(
     function: casadi.Function,
 ) -> tuple[list[tuple[int, np.ndarray | None]], list[tuple[int, int, np.ndarray | None]]]:

@@ -28,6 +28,7 @@ from socp.model.symbols import (
 )
 
 _TIMES = ("time", "t", "t0", "tf")  # names of the time and of its ends
+_BEFORE = "before"  # where the problem stands that one differs from in numbers alone
 _NUMBERS = {"bounds", "start", "end", "initial_time", "final_time"}  # what holds nothing else
 _BESIDE = {*TEXTS, "name", "units", "guess", "scene", "reference"}  # what defines no problem
 
@@ -161,6 +162,8 @@ class Problem:
         found = object.__new__(Problem)
         tables = {k: MappingProxyType(v) if k in keys.TABLES else v for k, v in numbers.items()}
         vars(found).update(self._arguments, **tables, reference=None, formula=None)
+        if self.reference is None:
+            vars(found)[_BEFORE] = self
         try:
             ranges.check(vars(found))
         except ProblemError as error:
@@ -177,6 +180,9 @@ class Problem:
         What was written with constants is left out where it would be read back as another problem:
         casadi simplifies equal parts of an expression, which may change the last bit of a number.
         """
+        before = vars(self).pop(_BEFORE, None)
+        if before is not None:
+            return portable.revalued(before.statement, vars(self))
         found = portable.written(vars(self), self.symbols)
         if "formula" in found and _read_back(found) is None:
             return {k: v for k, v in found.items() if k != "formula"}

@@ -22,8 +22,8 @@ from socp.model import (
     column,
     constraint_function,
     evaluate,
+    function_of,
     join,
-    lately,
     numbers,
     of_motion,
     once,
@@ -48,7 +48,6 @@ _TOUCHES = 1e-6
 # Of the same range: a parabola's peak is missed by less, by looks an eighth of an arc apart
 _BLUNT = 0.05
 _ULPS = 8.0  # of the latest time: nodes that are as near are the same but for rounding
-_KEPT = 16  # functions of a problem: what may vanish on the arcs of a word
 
 
 @final
@@ -213,21 +212,6 @@ def _slopes(problem: Problem, constraint: Constraint) -> casadi.Function:
     return casadi.Function("slopes", [problem.x, time, problem.p], [slopes])
 
 
-@of_motion
-def _function(problem: Problem, expression: Expr) -> casadi.Function:
-    """Return an expression (k, 1) as a function of x, t, p, built once for as long as it is among
-    those that were asked for last.
-    """
-    # the expression stays with its function: it is told by its entries' places in memory
-    key = tuple(each.element_hash() for each in expression.elements())
-    given = [problem.x, time, problem.p]
-
-    def make() -> tuple[Expr, casadi.Function]:
-        return expression, casadi.Function("values", given, [expression])
-
-    return lately(problem, _function, key, make, _KEPT)[1]
-
-
 def _peaks(row: np.ndarray) -> bool:
     """Tell whether values (n,) along an arc may have a maximum of zero between its ends."""
     inner = row[1:-1]
@@ -266,7 +250,8 @@ class _Looks:
 
     def values(self, expression: Expr) -> Callable[[np.ndarray], np.ndarray]:
         """Return an expression (k, 1) as a function of times (n,) that gives (k, n)."""
-        function = _function(self.phased.of, expression)
+        problem = self.phased.of
+        function = function_of(problem, [problem.x, time, problem.p], expression)
 
         def at(t: np.ndarray) -> np.ndarray:
             x = self.x if t is self.times else self.arc.at(t)

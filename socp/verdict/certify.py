@@ -204,17 +204,14 @@ def _with_multipliers(along: AdjointSystem, z: np.ndarray) -> tuple[Arc, ...]:
     costate = along.costates.at(z)
     density = np.einsum("ncz,z->cn", along.costates.mu, z)
     names = [constraint.name for constraint in along.problem.constraints]
-    arcs = []
+    both, arcs = np.vstack([costate, density]), []
     for index, arc in enumerate(along.solution.arcs):
         if not arc.lawful:
             arcs.append(arc)
             continue
-        own = dict(zip(names, margins.on_arc(along.samples, index, arc, density), strict=True))
-        arcs.append(
-            replace(
-                arc, costate=margins.on_arc(along.samples, index, arc, costate), multipliers=own
-            )
-        )
+        rows = margins.on_arc(along.samples, index, arc, both)
+        own = dict(zip(names, rows[len(costate) :], strict=True))
+        arcs.append(replace(arc, costate=rows[: len(costate)], multipliers=own))
     return tuple(arcs)
 
 

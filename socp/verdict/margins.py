@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from time import monotonic
 
-import casadi
 import numpy as np
 
 from socp import laws
@@ -18,6 +17,7 @@ from socp.model import (
     Problem,
     Solution,
     evaluate,
+    function_of,
     lagrange,
     time,
 )
@@ -138,7 +138,7 @@ def legendre_clebsch(
             unknown.append(f"the Legendre-Clebsch condition on {label} is unknown: {error}")
             continue
         symbols = [problem.x, problem.u, problem.costate, time, problem.p]
-        function = casadi.Function("clebsch", symbols, [casadi.densify(law.legendre_clebsch)])
+        function = function_of(problem, symbols, law.legendre_clebsch)
         here = (each[..., inside] for each in (samples.x, samples.u, costate, samples.t))
         (values,) = evaluate(function, *here, samples.p)
         matrices = values.reshape(len(singular), -1, len(singular)).transpose(1, 0, 2)

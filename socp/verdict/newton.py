@@ -155,10 +155,13 @@ class System:
         # solved for once more
         found = self._inverse(given)
         found = found + self._inverse(given - self.matrix @ found)
-        # what rounding leaves of equations that say the same twice is no contradiction
-        n, ulps = self.size.size, _CONTRADICTS * np.finfo(float).eps if self.deficient else 0.0
-        rounding = ulps * np.abs(self.matrix[:, :n] / self.d[:n]).sum(axis=1)
-        allowed = np.maximum(_SOLVED * max(np.abs(given).max(), TINY), rounding)
+        allowed: np.ndarray | float = _SOLVED * max(np.abs(given).max(), TINY)
+        if (
+            self.deficient
+        ):  # what rounding leaves of equations that say the same is no contradiction
+            n, ulps = self.size.size, _CONTRADICTS * np.finfo(float).eps
+            rounding = ulps * np.abs(self.matrix[:, :n] / self.d[:n]).sum(axis=1)
+            allowed = np.maximum(allowed, rounding)
         return (
             found
             if (np.abs(self.matrix @ found - given) <= allowed).all()

@@ -7,7 +7,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import casadi
 import numpy as np
 
 from socp.errors import LateError, MethodError
@@ -18,7 +17,6 @@ from socp.model import (
     Feasibility,
     Problem,
     Solution,
-    column,
     condition_function,
     condition_slopes,
     end_values,
@@ -27,14 +25,12 @@ from socp.model import (
     magnitude,
     mayer_function,
     numbers,
-    of_motion,
-    once,
     parameters_of,
     running_function,
     sizes,
-    time,
 )
 from socp.verdict.motion import Log, Piece, piece_of_law, pieces_in_time, travel
+from socp.verdict.structure import constraints_function
 
 # Solutions of a problem whose motions are kept: a search goes to and fro between two at most
 _KEPT = 4
@@ -85,7 +81,7 @@ def path_miss(
     if not problem.constraints:
         return 0.0, ""
     t, x, _ = motion
-    values, slopes = evaluate(_constraints(problem), x, t, p)
+    values, slopes = evaluate(constraints_function(problem), x, t, p)
     # a constraint's magnitude is how much it changes when every state changes by its own, at worst
     # along the way
     sizes = np.abs(slopes.reshape(len(values), t.size, -1)) @ scale
@@ -93,15 +89,6 @@ def path_miss(
     relative = values.max(axis=1) / np.where(largest > 0, largest, 1.0)
     worst = int(np.argmax(relative))
     return max(float(relative[worst]), 0.0), problem.constraints[worst].name
-
-
-@of_motion
-@once
-def _constraints(problem: Problem) -> casadi.Function:
-    """Return the state constraints and their slopes in the states as a function of x, t, p."""
-    stack = column(constraint.expression for constraint in problem.constraints)
-    given = [problem.x, time, problem.p]
-    return casadi.Function("c", given, [stack, casadi.densify(casadi.jacobian(stack, problem.x))])
 
 
 def objective_of(

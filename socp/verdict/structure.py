@@ -21,6 +21,7 @@ from socp.model import (
     column,
     constraint_function,
     evaluate,
+    of_motion,
     once,
     parameters_of,
     scales,
@@ -87,6 +88,15 @@ def constraint_values(
     return evaluate(function, x, t, p)[0].ravel()
 
 
+@of_motion
+@once
+def constraints_function(problem: Problem) -> casadi.Function:
+    """Return the state constraints and their slopes in the states as a function of x, t, p."""
+    stack = column(constraint.expression for constraint in problem.constraints)
+    given = [problem.x, time, problem.p]
+    return casadi.Function("c", given, [stack, casadi.densify(casadi.jacobian(stack, problem.x))])
+
+
 @once
 def nearness(solution: Solution, problem: Problem) -> np.ndarray:
     """Return how near to zero every state constraint counts as active on a solution (nc,).
@@ -97,12 +107,9 @@ def nearness(solution: Solution, problem: Problem) -> np.ndarray:
     """
     if not problem.constraints:
         return np.empty(0)
-    stack = column(constraint.expression for constraint in problem.constraints)
-    slopes = casadi.fabs(casadi.jacobian(stack, problem.x))
-    size = casadi.mtimes(slopes, scales(problem, solution))
-    function = casadi.Function("c", [problem.x, time, problem.p], [stack, casadi.densify(size)])
-    p = parameters_of(problem, solution)
-    values, sizes = evaluate(function, solution.rows("x"), solution.t, p)
+    p, t = parameters_of(problem, solution), solution.t
+    values, slopes = evaluate(constraints_function(problem), solution.rows("x"), t, p)
+    sizes = np.abs(slopes.reshape(len(values), t.size, -1)) @ scales(problem, solution)
     share, least = ACTIVE * np.ptp(values, axis=1), LEFT * sizes.max(axis=1)
     return np.array(np.maximum(np.maximum(share, least), TINY))
 

@@ -31,6 +31,7 @@ Place = tuple[str, ...]
 Symbols = Mapping[str, Sequence[Expr]]  # "states", "controls" and "parameters" of a problem
 
 NUMBERS = ("bounds", "start", "end")
+_TIMES = ("initial_time", "final_time")
 _LAWS = ("singular", "boundary")
 
 
@@ -65,12 +66,24 @@ def _data(problem: Mapping[str, Any], symbols: Symbols) -> Data:
             data[table][keys[0]] = place
         elif keys:
             data[table].setdefault(keys[0], {})[keys[1]] = place
-    data |= {table: _intervals(problem[table]) for table in NUMBERS}
-    for each in ("initial_time", "final_time"):
-        data[each] = list(map(stated.json_number, interval(problem[each])))
+    data |= _numbers(problem)
     head = {"fingerprint": stated.fingerprint(data), "name": problem["name"]}
     formula = {} if problem["formula"] is None else _formula(problem["formula"], names)
     return {**head, **data, "about": _about(problem, names), **formula}
+
+
+def revalued(known: Mapping[str, Any], problem: Mapping[str, Any]) -> Data:
+    """Return the statement of a problem that differs from a known one, of which nothing was written
+    with constants, in numbers alone.
+    """
+    data = {**known, **_numbers(problem)}
+    of = {k: v for k, v in data.items() if k not in {"fingerprint", "name", "about"}}
+    return data | {"fingerprint": stated.fingerprint(of)}
+
+
+def _numbers(problem: Mapping[str, Any]) -> Data:
+    times = {t: list(map(stated.json_number, interval(problem[t]))) for t in _TIMES}
+    return {**{table: _intervals(problem[table]) for table in NUMBERS}, **times}
 
 
 def arguments(data: Mapping[str, Any]) -> Data:
@@ -93,7 +106,7 @@ def arguments(data: Mapping[str, Any]) -> Data:
         found[table] = {
             symbols[name]: tuple(map(stated.number, value)) for name, value in data[table].items()
         }
-    for each in ("initial_time", "final_time"):
+    for each in _TIMES:
         found[each] = tuple(map(stated.number, data[each]))
     for table in ("dynamics", *_LAWS):
         found[table] = {symbols[name]: _placed(value, nodes) for name, value in data[table].items()}
