@@ -236,7 +236,7 @@ def _sized(function: casadi.Function, given: tuple[np.ndarray | float, ...]) -> 
 
 _EXPRESSIONS = 16  # of a problem whose functions are kept: what is looked at along its arcs
 _DESK = "desk"  # where they stand beside what a function has of its own
-_DESKS = 4  # of a function, for as many counts of points: solves in turns keep to a few
+_DESKS = 8  # of a function, for as many counts of points: solves in turns keep to a few
 
 
 @final

@@ -54,11 +54,14 @@ class Motion:
         every one of so many steps, from z (nz, n) at times t (n,) over times h (n,) under p, (np,)
         or (np, n).
         """
+        return self.through(z, t, np.tile(h / steps, (steps, 1)), p)
+
+    def through(self, z: np.ndarray, t: np.ndarray, h: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Return the same for steps of lengths h (steps, n)."""
         first = np.vstack([z, np.zeros(t.size), t])
-        each = p if p.ndim == 2 else p[:, None]
-        given = np.tile(h / steps, (steps, 1)), np.tile(each, (steps, 1))
-        (found,) = numbers(self._stepped(steps), first, *given)
-        ends = found.reshape(len(first), t.size, steps).transpose(2, 0, 1)
+        each = np.tile(p if p.ndim == 2 else p[:, None], (len(h), 1))
+        (found,) = numbers(self._stepped(len(h)), first, h, each)
+        ends = found.reshape(len(first), t.size, len(h)).transpose(2, 0, 1)
         return np.concatenate([first[None], ends])
 
     @once

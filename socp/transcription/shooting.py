@@ -13,6 +13,7 @@ import casadi
 import numpy as np
 
 from socp.model import (
+    SAME_TIME,
     TINY,
     Arc,
     Expr,
@@ -326,18 +327,17 @@ class Shooting:
         nx = problem.x.numel()
         t = span[0] + (span[1] - span[0]) * (arc.t - arc.t[0]) / (arc.t[-1] - arc.t[0])
         t[-1] = span[1]
-        found, now = np.empty((len(z), t.size)), z[:, :-1].copy()
+        found, counts = np.empty((len(z), t.size)), np.diff(arc.mesh)
         found[:, arc.mesh] = z
-        counts, lengths = np.diff(arc.mesh), np.diff(t[arc.mesh])
-        for j in range(1, counts.max()):  # from node to node, in steps as long as the motion's
-            some = np.flatnonzero(counts > j)
-            node = arc.mesh[some] + j
-            begin, gap = t[node - 1], t[node] - t[node - 1]
-            steps = int(np.ceil((gap / lengths[some]).max() * self.steps[k]))
-            now[:, some] = self.motions[k].moved(now[:, some], begin, gap, p, max(steps, 1))[-1][
-                :-2
-            ]
-            found[:, node] = now[:, some]
+        for count in np.unique(counts[counts > 1]):  # from node to node, in steps as long as others
+            some = np.flatnonzero(counts == count)
+            nodes = arc.mesh[some, None] + np.arange(count + 1)
+            gaps, lengths = np.diff(t[nodes]).T, t[nodes[:, -1]] - t[nodes[:, 0]]
+            steps = (gaps[:-1] / lengths).max(axis=1) * self.steps[k]
+            parts = np.ceil(steps - SAME_TIME).astype(int)
+            h = np.repeat(gaps[:-1] / parts[:, None], parts, axis=0)
+            ways = self.motions[k].through(z[:, some], t[nodes[:, 0]], h, p)
+            found[:, nodes[:, 1:-1]] = ways[np.cumsum(parts), :-2].transpose(1, 2, 0)
         (u,) = numbers(self.motions[k].control, found[:nx], found[nx:], t, p)
         costate = found[nx:] if phase.carried.numel() else arc.costate
         return replace(arc, t=t, x=found[:nx], u=u, costate=costate)
