@@ -60,9 +60,11 @@ def hand_on(known: Problem, other: Problem) -> None:
 
     It saves what a problem costs before anything is solved: laws, brackets and compiled functions.
     """
-    for name, value in vars(known).items():
-        if name in _OF_MOTION:
-            vars(other)[name] = value
+    for name in _OF_MOTION:
+        if "." in name:  # of a function, to whose results either may add from now on
+            vars(other)[name] = vars(known).setdefault(name, {})
+        elif name in vars(known):
+            vars(other)[name] = vars(known)[name]
 
 
 def _place(function: Callable[..., Any]) -> str:

@@ -332,10 +332,10 @@ class Shooting:
         for count in np.unique(counts[counts > 1]):  # from node to node, in steps as long as others
             some = np.flatnonzero(counts == count)
             nodes = arc.mesh[some, None] + np.arange(count + 1)
-            gaps, lengths = np.diff(t[nodes]).T, t[nodes[:, -1]] - t[nodes[:, 0]]
-            steps = (gaps[:-1] / lengths).max(axis=1) * self.steps[k]
-            parts = np.ceil(steps - SAME_TIME).astype(int)
-            h = np.repeat(gaps[:-1] / parts[:, None], parts, axis=0)
+            share = np.diff(arc.t[nodes])[:, :-1] / np.ptp(arc.t[nodes], axis=1)[:, None]
+            steps = np.ceil(share.max(axis=0) * self.steps[k] - SAME_TIME)
+            parts = np.maximum(steps, 1.0).astype(int)
+            h = np.repeat(np.diff(t[nodes])[:, :-1].T / parts[:, None], parts, axis=0)
             ways = self.motions[k].through(z[:, some], t[nodes[:, 0]], h, p)
             found[:, nodes[:, 1:-1]] = ways[np.cumsum(parts), :-2].transpose(1, 2, 0)
         (u,) = numbers(self.motions[k].control, found[:nx], found[nx:], t, p)
