@@ -63,8 +63,8 @@ def hand_on(known: Problem, other: Problem) -> None:
     for name in _OF_MOTION:
         if "." in name:  # of a function, to whose results either may add from now on
             vars(other)[name] = vars(known).setdefault(name, {})
-        elif name in vars(known):
-            vars(other)[name] = vars(known)[name]
+        else:  # the same symbols, of costates among them, in what is added later
+            vars(other)[name] = getattr(known, name)
 
 
 def _place(function: Callable[..., Any]) -> str:

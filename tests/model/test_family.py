@@ -69,6 +69,13 @@ def test_ends_alone_are_shared() -> None:
     assert other.fingerprint == POND.with_({"start.x": 1.2, "final_time": 3.0}).fingerprint
 
 
+def test_what_is_worked_out_later_is_shared_as_well() -> None:
+    family = Family(POND, ("level",))
+    one, other = family.at({"level": 0.25}), family.at({"level": 0.5})
+    assert arc_law(one, S) is arc_law(other, S)
+    assert one.costate is other.costate  # in whose symbols it may be written
+
+
 def test_solutions_go_in_and_come_out() -> None:
     family = Family(POND, ("level",))
     made = solve(POND, method="lgr-multiphase", word="- s +")
