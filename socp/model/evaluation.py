@@ -262,6 +262,7 @@ class _Desk:
                     place(i, each.reshape(-1).data)
 
 
+@once
 def _ports(
     function: casadi.Function,
 ) -> tuple[list[tuple[int, np.ndarray | None]], list[tuple[int, int, np.ndarray | None]]]:
