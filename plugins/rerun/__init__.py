@@ -7,6 +7,8 @@ from socp import Problem, hookimpl
 from socp.registry import Viewer
 
 if TYPE_CHECKING:
+    from socp.view import Page
+
     from .recorder import Recorder
 
 
@@ -16,6 +18,15 @@ def socp_recorder(problem: Problem, path: Path | None, live: str, runs: int) -> 
     from .recorder import Recorder
 
     return Recorder.open(problem, path, live, several=runs > 1)
+
+
+@hookimpl
+def socp_page(path: Path, name: str, page: "Page") -> bool:
+    """Write the recording of a branch."""
+    from .recorder import written
+
+    written(path, name, page)
+    return True
 
 
 @hookimpl

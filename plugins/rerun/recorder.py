@@ -22,6 +22,7 @@ from socp.view import (
     RUNNING,
     Item,
     Note,
+    Page,
     Picture,
     Plane,
     Run,
@@ -39,7 +40,7 @@ from socp.view import (
 )
 
 from . import viewer
-from .translate import blueprint, send
+from .translate import blueprint, send, strips
 
 SCHEMA = 1  # version of what a recording holds, in its properties
 _FOOTER = b"RRF2FOOT"  # near the end of every file that was closed in order
@@ -82,26 +83,11 @@ class Recorder:
         """Open the file, the viewer at the address `live`, or both; what rerun raises comes
         through.
         """
-        if os.environ.get("RERUN", "").lower() in {"off", "0", "false", "no"}:
-            raise SolveError("not recorded: the environment variable RERUN turns rerun off")
-        os.environ.setdefault(
-            "RUST_LOG", "off"
-        )  # what goes wrong is found out below and told in one line
-        rr = load("rerun", "record", "a recording")
-        rr.set_strict_mode(True)
-        layout_name = f"socp-{file_stem(problem.name)}{'-compare' if several else ''}"
-        name = f"{file_stem(problem.name)}-{time.time_ns():x}"
-        stream = rr.RecordingStream(layout_name, recording_id=name)
-        stream.set_log_time_enabled(False)
-        if path is not None and live:
-            stream.set_sinks(rr.FileSink(str(path)), rr.GrpcSink(live))
-        elif path is not None:
-            stream.save(str(path))
-        else:
-            stream.connect_grpc(live)
+        stream = _opened(f"{problem.name}{'-compare' if several else ''}", path, live)
         stream.send_blueprint(blueprint(streaming(len(problem.control_names)), "progress"))
         for each in control_frame(problem, CONTROLS):
             send(stream, each)
+        rr = load("rerun", "record", "a recording")
         stream.log("/help", rr.TextDocument(HELP, media_type=rr.MediaType.MARKDOWN), static=True)
         for part, colour in (("objective", PALETTE[0]), ("infeasibility", PALETTE[1])):
             stream.log(
@@ -155,32 +141,7 @@ class Recorder:
         self._write()
         if self.finished:
             self._conclude()
-        gone = bool(self.live) and not viewer.answers(urlsplit(self.live).port or viewer.PORT)
-        sent = True
-        try:
-            self.stream.flush(timeout_sec=_GONE if gone else _WRITING)
-        except RuntimeError:  # rerun's writer has given up, or the viewer is gone
-            sent = False
-        sent = self._disconnect(_ENDING if sent or gone else _GONE) and sent
-        if self.path is not None and not ((sent or gone) and _complete(self.path)):
-            raise SolveError(f"{self.path}: the recording is not whole; is the disk full?")
-        if gone or not sent:
-            kept = "" if self.path is None else f"; the recording in {self.path} is whole"
-            raise SolveError(f"not shown to its end: the viewer is gone{kept}")
-
-    def _disconnect(self, patience: float) -> bool:
-        """End the stream, waiting so many seconds at most, and tell whether it has ended.
-
-        On a full disk it may never do, nor let the process end.
-        """
-        import rerun as rr
-
-        ending = Thread(target=self.stream.disconnect, daemon=True)
-        ending.start()
-        ending.join(patience)
-        if ending.is_alive():
-            rr.unregister_shutdown()
-        return not ending.is_alive()
+        _closed(self.stream, self.path, self.live)
 
     def _conclude(self) -> None:
         import rerun as rr
@@ -247,9 +208,9 @@ class Recorder:
         if not self.paths:
             send(self.stream, Plane(path=RUNNING, scale=scale(seen)))
         self.paths.append((self.count, seen.path))
-        self.stream.log(f"{RUNNING}/iterate", _strips([seen.path.T]))
+        self.stream.log(f"{RUNNING}/iterate", strips([seen.path.T]))
         lines = control_lines(self.problem, now)
-        self.stream.log(f"{CONTROLS}/iterate", _strips(lines))
+        self.stream.log(f"{CONTROLS}/iterate", strips(lines))
 
     def _fit(self, seen: Picture) -> None:
         """Draw the iterates again, to the scale of what they led to, which nobody knew before."""
@@ -260,15 +221,74 @@ class Recorder:
             send(self.stream, each)
         for count, path in self.paths:
             self.stream.set_time("progress", sequence=count)
-            self.stream.log(f"{FITTED}/iterate", _strips([path.T]))
+            self.stream.log(f"{FITTED}/iterate", strips([path.T]))
 
 
-def _strips(lines: list[np.ndarray]) -> Any:
-    """Return lines (n, 2), each in its colour."""
+def written(path: Path, name: str, page: Page) -> None:
+    """Write a recording that is no solve's; SolveError says what is wrong with it."""
     import rerun as rr
 
-    colours = [PALETTE[k % len(PALETTE)] for k in range(len(lines))]
-    return rr.LineStrips2D(lines, colors=colours, radii=rr.Radius.ui_points(1.5))
+    stream = _opened(f"{name}-branch", path, "")
+    for each in page.items:
+        send(stream, each, page.timeline)
+    about = {"schema": SCHEMA, "problem": one_line(name), "timeline": one_line(page.timeline)}
+    stream.send_property("socp", rr.AnyValues(**about))
+    stream.send_recording_name(one_line(f"{name}: {page.timeline}"))
+    stream.send_blueprint(blueprint(page.layout, one_line(page.timeline)))
+    _closed(stream, path, "")
+
+
+def _opened(name: str, path: Path | None, live: str) -> Any:
+    """Open the file, the viewer at the address `live`, or both, for a layout of a name; what rerun
+    raises comes through.
+    """
+    if os.environ.get("RERUN", "").lower() in {"off", "0", "false", "no"}:
+        raise SolveError("not recorded: the environment variable RERUN turns rerun off")
+    # what goes wrong is found out below and told in one line
+    os.environ.setdefault("RUST_LOG", "off")
+    rr = load("rerun", "record", "a recording")
+    rr.set_strict_mode(True)
+    called = file_stem(name)
+    stream = rr.RecordingStream(f"socp-{called}", recording_id=f"{called}-{time.time_ns():x}")
+    stream.set_log_time_enabled(False)
+    if path is not None and live:
+        stream.set_sinks(rr.FileSink(str(path)), rr.GrpcSink(live))
+    elif path is not None:
+        stream.save(str(path))
+    else:
+        stream.connect_grpc(live)
+    return stream
+
+
+def _closed(stream: Any, path: Path | None, live: str) -> None:
+    """Close the file and make sure that it is whole; SolveError says what is wrong with it."""
+    gone = bool(live) and not viewer.answers(urlsplit(live).port or viewer.PORT)
+    sent = True
+    try:
+        stream.flush(timeout_sec=_GONE if gone else _WRITING)
+    except RuntimeError:  # rerun's writer has given up, or the viewer is gone
+        sent = False
+    sent = _disconnected(stream, _ENDING if sent or gone else _GONE) and sent
+    if path is not None and not ((sent or gone) and _complete(path)):
+        raise SolveError(f"{path}: the recording is not whole; is the disk full?")
+    if gone or not sent:
+        kept = "" if path is None else f"; the recording in {path} is whole"
+        raise SolveError(f"not shown to its end: the viewer is gone{kept}")
+
+
+def _disconnected(stream: Any, patience: float) -> bool:
+    """End a stream, waiting so many seconds at most, and tell whether it has ended.
+
+    On a full disk it may never do, nor let the process end.
+    """
+    import rerun as rr
+
+    ending = Thread(target=stream.disconnect, daemon=True)
+    ending.start()
+    ending.join(patience)
+    if ending.is_alive():
+        rr.unregister_shutdown()
+    return not ending.is_alive()
 
 
 def _complete(path: Path) -> bool:

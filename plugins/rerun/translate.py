@@ -2,16 +2,22 @@
 
 from typing import Any
 
+import numpy as np
+
 from socp.process import one_line
-from socp.view import Bars, Drawing, Group, Item, Lane, Note, Panel, Plane, Series
+from socp.view import PALETTE, Bars, Drawing, Film, Group, Item, Lane, Note, Panel, Plane, Series
+
+_TICK = 1e-9  # of a timeline's unit, as fine as it counts
 
 
-def send(stream: Any, item: Item) -> None:
-    """Write one item to a `rerun.RecordingStream`."""
+def send(stream: Any, item: Item, value: str = "value") -> None:
+    """Write one item to a `rerun.RecordingStream`, whose timeline `value` is called so."""
     import rerun as rr
 
     if isinstance(item, Series):
-        _series(stream, item)
+        _series(stream, item, one_line(value))
+    elif isinstance(item, Film):
+        _film(stream, item, one_line(value))
     elif isinstance(item, Lane):
         known = item.colours
         names = [one_line(each) for each in known]
@@ -36,7 +42,7 @@ def send(stream: Any, item: Item) -> None:
         _drawing(stream, item)
 
 
-def _series(stream: Any, item: Series) -> None:
+def _series(stream: Any, item: Series, value: str) -> None:
     import rerun as rr
 
     if item.points:
@@ -55,10 +61,33 @@ def _series(stream: Any, item: Series) -> None:
             aggregation_policy=policy,
         )
     stream.log(item.path, style, static=True)
-    kind = {"duration": item.at} if item.timeline == "t" else {"sequence": item.at.astype(int)}
-    stream.send_columns(
-        item.path, [rr.TimeColumn(item.timeline, **kind)], rr.Scalars.columns(scalars=item.values)
-    )
+    if item.timeline in {"t", "value"}:
+        times = [rr.TimeColumn("t" if item.timeline == "t" else value, duration=item.at)]
+    else:
+        times = [rr.TimeColumn(item.timeline, sequence=item.at.astype(int))]
+    if item.along is not None:
+        times.append(rr.TimeColumn("point", sequence=item.along.astype(int)))
+    stream.send_columns(item.path, times, rr.Scalars.columns(scalars=item.values))
+
+
+def _film(stream: Any, item: Film, value: str) -> None:
+
+    last = float(item.at.max())
+    frames = [*zip(item.at.tolist(), item.along.tolist(), item.frames, strict=True)]
+    frames.append((last + _TICK, item.along[-1] + 1, ()))
+    for at, place, lines in frames:
+        stream.set_time(value, duration=at)
+        stream.set_time("point", sequence=place)
+        stream.log(item.path, strips([*lines]))
+    stream.reset_time()
+
+
+def strips(lines: list[np.ndarray]) -> Any:
+    """Return lines (n, 2), each in its colour."""
+    import rerun as rr
+
+    colours = [PALETTE[k % len(PALETTE)] for k in range(len(lines))]
+    return rr.LineStrips2D(lines, colors=colours, radii=rr.Radius.ui_points(1.5))
 
 
 def _drawing(stream: Any, item: Drawing) -> None:

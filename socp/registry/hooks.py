@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from socp.model import Problem, Solution
     from socp.registry.recorder import Recorder
     from socp.registry.viewer import Viewer
+    from socp.view import Page
 
 hookspec = pluggy.HookspecMarker("socp")
 hookimpl = pluggy.HookimplMarker("socp")
@@ -42,6 +43,15 @@ def socp_recorder(
     It writes to the file `path`, to the viewer at the address `live`, or to both; None and "" mean
     neither. The first plugin that returns one is asked. What it raises, then or later, is reported,
     ends the recording and fails nothing.
+    """
+
+
+@hookspec(firstresult=True)
+def socp_page(path: "Path", name: str, page: "Page") -> "bool | None":
+    """Write a recording that is no solve's, of what is called so, to a file, as that of a branch;
+    returns true where it did.
+
+    What it raises is reported and fails nothing.
     """
 
 

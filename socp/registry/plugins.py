@@ -37,9 +37,10 @@ if TYPE_CHECKING:
     from socp.model import Problem, Solution
     from socp.registry.recorder import Guarded
     from socp.registry.viewer import Screen
+    from socp.view import Page
 
 VARIABLE = "SOCP_PLUGINS"
-LISTENERS = ("socp_solved", "socp_recorder", "socp_viewer")
+LISTENERS = ("socp_solved", "socp_recorder", "socp_page", "socp_viewer")
 HOOKS = ("socp_methods", *LISTENERS)
 _MOST = 1000  # methods of one plugin: what offers more never ends
 
@@ -196,6 +197,23 @@ class Registry:
         if complaints:
             return Guarded(None, complaints=complaints)
         raise MethodError("--record, --live: no plugin records; see 'socp plugins list'")
+
+    def record(self, path: "Path", name: str, page: "Page") -> list[str]:
+        """Write a recording that is no solve's by the first plugin that does; returns what went
+        wrong, a line each, where none did.
+
+        MethodError says so where no plugin writes such recordings.
+        """
+        complaints = []
+        for plugin, call in self._calls("socp_page"):
+            try:
+                if invoke(call, path=path, name=name, page=page):
+                    return []
+            except Exception as error:  # noqa: BLE001 - a recorder's fault is not the branch's
+                complaints.append(_explained(plugin, "not recorded", error))
+        if complaints:
+            return complaints
+        raise MethodError("--record: no plugin records branches; see 'socp plugins list'")
 
     def viewer(self) -> "Screen":
         """Return the first viewer that a plugin offers, guarded: it raises SolveError alone.

@@ -28,7 +28,7 @@ from socp.registry.plugins import Registry
 from socp.view.picture import picture_of
 from socp.view.recording.contents import Run, control, items
 from socp.view.recording.items import Bars, Drawing, Lane, Note, Panel, Series
-from socp.view.recording.iterates import control_lines, controls_window
+from socp.view.recording.iterates import control_lines, rows_window
 from socp.view.recording.page import layout, panels, visible
 from socp.view.recording.plane import ground, together
 from socp.view.traces import traces
@@ -229,7 +229,7 @@ def test_controls_of_an_iterate_stand_between_their_bounds(
 ) -> None:
     problem, solution = rough
     (line,) = control_lines(problem, solution)
-    (left, right), (low, high) = controls_window(1)
+    (left, right), (low, high) = rows_window(1)
     assert (line[0, 0], line[-1, 0]) == (0.0, 2.5)
     assert left < line[0, 0] < line[-1, 0] < right
     assert low <= -line[:, 1].max()

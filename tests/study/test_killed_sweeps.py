@@ -16,7 +16,7 @@ from ponds import POND
 from socp.study import points, sweep
 from socp.view import rows_from_parquet
 
-KILLS = 6  # of the command, and of one of its workers, in turn
+KILLS = 20  # in turn of the command, and of one of its workers with the command asked to stop
 RANGE = "1.6:3.1:24"
 
 

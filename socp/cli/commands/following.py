@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from socp.cli.commands.completing import problems
+from socp.cli.commands.recording import record_page, record_place
 from socp.cli.options import DEFAULT_METHOD
 from socp.cli.posing import load_posed, named_after, set_option, span_of, told_line, with_changes
 from socp.cli.progress import progress
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 )
 @click.option("--guess", metavar="FILE", help="Begin with a saved result.")
 @click.option("--out", metavar="FILE", help="Table.  [default: PROBLEM.follow.parquet]")
+@click.option("--record", metavar="FILE", help="Record the branch, its number as the timeline.")
 @click.option("--json", "as_json", is_flag=True, help="Write the table as JSON.")
 @click.option("--quiet", is_flag=True, help="Write no progress and no messages.")
 @click.pass_obj
@@ -60,7 +62,7 @@ def follow(session: Session, /, **given: Any) -> int:
     Exit code 1 if the branch ends before the last value.
     """
     from socp.study import follow as followed
-    from socp.view import rows_to_parquet
+    from socp.view import branch_page, rows_to_parquet
 
     session.quiet = given["quiet"]
     registry = session.registry()
@@ -69,6 +71,7 @@ def follow(session: Session, /, **given: Any) -> int:
     path = writable(
         Path(given["out"]) if given["out"] else named_after(posed.name, ".follow.parquet", others)
     )
+    recording = record_place(given["record"])
     rows_to_parquet([{"value": 0.0}], {})  # what is lacking is said before the work, not after it
     first = with_changes(posed, (f"{name}={span[0]!r}",))
     with progress(messages(), f"{posed.name}, follow", quiet=session.quiet) as watch:
@@ -76,6 +79,10 @@ def follow(session: Session, /, **given: Any) -> int:
         found = followed(posed, {name: span}, start, steps=given["steps"], watch=watch)
     with signals_held():
         _written(session, posed, found, path)
+        if recording is not None:
+            solutions = [each.solution for each in found.points]
+            page = branch_page(name, solutions, found.rows)
+            record_page(session, registry, recording, posed.name, page)
         if given["as_json"]:
             write_json({**_facts(posed, found), "rows": found.rows, "table": str(path)})
         else:

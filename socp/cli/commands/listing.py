@@ -11,7 +11,12 @@ from socp.cli.session import Exit, Session, show, write_json
 from socp.process import first_paragraph
 
 _STATUS = {"loaded": "green", "partly": "yellow", "failed": "bold red", "off": "dim"}
-_ADDS = {"socp_solved": "listener", "socp_recorder": "recorder", "socp_viewer": "viewer"}
+_ADDS = {
+    "socp_solved": "listener",
+    "socp_recorder": "recorder",
+    "socp_page": "recorder of branches",
+    "socp_viewer": "viewer",
+}
 _JSON = click.option("--json", "as_json", is_flag=True, help="Write JSON.")
 
 

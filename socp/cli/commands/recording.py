@@ -19,6 +19,7 @@ from socp.registry import Registry
 if TYPE_CHECKING:
     from socp.model import Problem, Progress, Watch
     from socp.registry import Guarded
+    from socp.view import Page
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 ENDING = ".rrd"
@@ -57,7 +58,7 @@ def recording(
     """
     from socp.registry import Guarded
 
-    path = None if record is None else _place(Path(record), "--record")
+    path = record_place(record)
     address = _address(session, registry) if live else ""
     if path is None and not address:
         yield Guarded(None)
@@ -73,6 +74,23 @@ def recording(
                 session.warn(line)
         if whole and path is not None:
             session.note(f"recording in {path}; see it with: socp view {path}")
+
+
+def record_place(record: str | None) -> Path | None:
+    """Return where `--record` writes, None where it is not asked for; MethodError where nothing can
+    be written.
+    """
+    return None if record is None else _place(Path(record), "--record")
+
+
+def record_page(session: Session, registry: Registry, path: Path, name: str, page: "Page") -> None:
+    """Write a recording that is no solve's; what goes wrong with it becomes a warning."""
+    with locked(path):
+        complaints = registry.record(path, name, page)
+    for line in complaints:
+        session.warn(line)
+    if not complaints:
+        session.note(f"recording in {path}; see it with: socp view {path}")
 
 
 def recording_watch(watch: "Watch", recorder: "Guarded") -> "Watch":

@@ -10,7 +10,7 @@ import numpy as np
 
 Colour = tuple[int, int, int]
 Corner = Literal["", "LeftTop", "LeftBottom", "RightTop", "RightBottom"]
-Timeline = Literal["t", "iteration", "refinement", "progress"]
+Timeline = Literal["t", "iteration", "refinement", "progress", "value"]
 
 # mid-tones, which show on dark and on light ground, and differ from one another by more than
 # smoothing does
@@ -42,6 +42,7 @@ class Series:
 
     `points`: draw marks instead of a line; `exact`: never average neighbours on the screen, as
     jumps need. `magnitude`: of the terms that it is a sum of; a change far below that is rounding.
+    `along` (n,): where its values are on the timeline `point` as well.
     """
 
     path: str
@@ -54,6 +55,7 @@ class Series:
     points: bool = False
     exact: bool = True
     magnitude: float = 0.0
+    along: np.ndarray | None = None
 
 
 @final
@@ -121,7 +123,21 @@ class Bars:
     colour: Colour
 
 
-Item = Series | Lane | Note | Drawing | Plane | Bars
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Film:
+    """Lines (k, 2) in the plane, frame after frame: at values `at` (n,) of the timeline `value`,
+    and at `along` (n,), increasing, of the timeline `point`; none before the first nor after the
+    last.
+    """
+
+    path: str
+    at: np.ndarray
+    along: np.ndarray
+    frames: tuple[tuple[np.ndarray, ...], ...]
+
+
+Item = Series | Lane | Note | Drawing | Plane | Bars | Film
 
 
 @final
@@ -154,3 +170,15 @@ class Group:
     name: str = ""
     shares: tuple[float, ...] | None = None
     columns: int | None = None
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Page:
+    """A recording that is no solve's: its items, how they are laid out, and what its timeline
+    `value`, on which it opens, is called.
+    """
+
+    items: tuple[Item, ...]
+    layout: Group
+    timeline: str

@@ -1,6 +1,6 @@
 """The controls of an iterate as lines in a plane, where they show on any timeline."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -16,21 +16,35 @@ def control_lines(problem: Problem, solution: Solution) -> list[np.ndarray]:
     its bounds, over the share of the horizon that has gone.
     """
     horizon = solution.final_time - solution.initial_time
-    lines = []
+    curves = []
     for k, (low, high) in enumerate(problem.box.T):
         t, u = control(solution, k)
-        across = _ASPECT * len(problem.control_names) * (t - solution.initial_time) / horizon
-        up = _row(problem, k) + _TALL * (u - low) / (high - low)
-        lines.append(np.column_stack([across, up]))
-    return lines
+        curves.append(((t - solution.initial_time) / horizon, (u - low) / (high - low)))
+    return in_rows(curves)
 
 
 def control_frame(problem: Problem, path: str) -> Iterator[Item]:
     """Yield the bounds of the controls, and their names, for lines of `control_lines`."""
-    count = len(problem.control_names)
+    return rows_frame(problem.control_names, path)
+
+
+def in_rows(curves: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarray]:
+    """Return curves, shares (n,) of a span and of a range each, as lines (n, 2) in rows of height
+    1, the first on top.
+    """
+    count = len(curves)
+    return [
+        np.column_stack([_ASPECT * count * across, count - 1.0 - k + _TALL * up])
+        for k, (across, up) in enumerate(curves)
+    ]
+
+
+def rows_frame(names: Sequence[str], path: str) -> Iterator[Item]:
+    """Yield the ends of the ranges of rows, and their names."""
+    count = len(names)
     yield Plane(path=path, scale=(1.0, 1.0))
-    for k, name in enumerate(problem.control_names):
-        low = _row(problem, k)
+    for k, name in enumerate(names):
+        low = count - 1.0 - k
         for side, up in (("lower", low), ("upper", low + _TALL)):
             ends = np.array([[0.0, up], [_ASPECT * count, up]])
             yield Drawing(
@@ -43,14 +57,9 @@ def control_frame(problem: Problem, path: str) -> Iterator[Item]:
         )  # fmt: skip
 
 
-def controls_window(count: int) -> np.ndarray:
-    """Return the corners (2, 2) of what shows so many controls, y pointing down, with room for
-    their names.
+def rows_window(count: int) -> np.ndarray:
+    """Return the corners (2, 2) of what shows so many rows, y pointing down, with room for their
+    names.
     """
     width = _ASPECT * count
     return np.array([[-0.14 * width, 1.02 * width], [-float(count), 0.2]])
-
-
-def _row(problem: Problem, k: int) -> float:
-    """Return where the row of a control begins, the first on top."""
-    return float(len(problem.control_names) - 1 - k)

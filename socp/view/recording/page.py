@@ -9,7 +9,7 @@ from socp.model import TINY, Problem, Solution
 from socp.view.picture import Picture, picture_of
 from socp.view.recording.contents import BARS, MESHES
 from socp.view.recording.items import GREY, Corner, Group, Item, Panel, Series, Timeline
-from socp.view.recording.iterates import controls_window
+from socp.view.recording.iterates import rows_window
 from socp.view.recording.plane import STRIP, scale, window
 
 HELP = """\
@@ -52,7 +52,7 @@ def layout(
         _solver(paths, roots),
         streaming(len(problem.control_names), window(seen or first), FITTED),
     )
-    return _fitted(Group(kind="tabs", parts=tabs), items)
+    return fitted(Group(kind="tabs", parts=tabs), items)
 
 
 def streaming(controls: int, box: np.ndarray | None = None, plan: str = RUNNING) -> Group:
@@ -71,7 +71,7 @@ def streaming(controls: int, box: np.ndarray | None = None, plan: str = RUNNING)
         name="Controls of the iterates, from start to end",
         contents=(f"{CONTROLS}/**",),
         timeline="progress",
-        box=controls_window(controls),
+        box=rows_window(controls),
     )
     curves = (
         _curves("Objective while it ran", ("/progress/objective",), "progress"),
@@ -198,12 +198,12 @@ def _pile(panels: list[Panel]) -> Group:
     return Group(kind="column", parts=tuple(panels))
 
 
-def _fitted(group: Group, items: Sequence[Item]) -> Group:
+def fitted(group: Group, items: Sequence[Item]) -> Group:
     """Return a layout whose curves have room around them and their legends where the curves are
     not.
     """
     parts = [
-        _fitted(each, items) if isinstance(each, Group) else _fit(each, items)
+        fitted(each, items) if isinstance(each, Group) else _fit(each, items)
         for each in group.parts
     ]
     return replace(group, parts=tuple(parts))
