@@ -49,15 +49,15 @@ class Named:
         return load_posed(self.given, self.changes, Registry.load(only=()))
 
 
-def with_changes(problem: "Problem", changes: Sequence[str]) -> "Problem":
-    """Return a problem with changes NAME=VALUE; MethodError as above."""
-    named = told(changes)
+def with_changes(problem: "Problem", changes: Sequence[str], option: str = "--set") -> "Problem":
+    """Return a problem with changes NAME=VALUE of an option; MethodError as above."""
+    named = told(changes, option)
     if not named:
         return problem
     try:
-        return problem.with_({name: _value(name, text) for name, text in named.items()})
+        return problem.with_({name: _value(name, text, option) for name, text in named.items()})
     except ProblemError as error:
-        raise MethodError(f"--set: {error}") from error
+        raise MethodError(f"{option}: {error}") from error
 
 
 def span_of(changes: Sequence[str]) -> tuple[str, tuple[float, float], tuple[str, ...]]:
@@ -91,12 +91,12 @@ def ranges_of(changes: Sequence[str]) -> tuple[dict[str, str], tuple[str, ...]]:
     return ranges, tuple(f"{n}={text}" for n, text in named.items() if n not in ranges)
 
 
-def told(changes: Sequence[str]) -> dict[str, str]:
+def told(changes: Sequence[str], option: str = "--set") -> dict[str, str]:
     """Return what is set, by name, as it was written; MethodError for a name given twice."""
     found: dict[str, str] = {}
-    for name, text in pairs(changes, "--set", "start.x=30"):
+    for name, text in pairs(changes, option, "start.x=30"):
         if name in found:
-            raise MethodError(f"--set {short(name)} is given twice")
+            raise MethodError(f"{option} {short(name)} is given twice")
         found[name] = text
     return found
 
@@ -120,7 +120,7 @@ def named_after(problem: str, ending: str, changes: Sequence[str] = ()) -> Path:
 _LONGEST = 60  # characters of numbers in a file's name: people read no more
 
 
-def _value(name: str, text: str) -> Any:
+def _value(name: str, text: str, option: str) -> Any:
     """Return a number, or an interval; MethodError for a text that is neither."""
     from socp.model import free
 
@@ -131,5 +131,7 @@ def _value(name: str, text: str) -> Any:
     except ValueError:
         numbers = ()
     if len(numbers) not in {1, 2}:
-        raise MethodError(f"--set {short(name)}={short(text)}: give a number, LOWER,UPPER or free")
+        raise MethodError(
+            f"{option} {short(name)}={short(text)}: give a number, LOWER,UPPER or free"
+        )
     return numbers[0] if len(numbers) == 1 else numbers

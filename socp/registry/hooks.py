@@ -5,7 +5,7 @@ without being imported.
 """
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pluggy
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from socp.model import Problem, Solution
     from socp.registry.recorder import Recorder
     from socp.registry.viewer import Viewer
-    from socp.view import Page
 
 hookspec = pluggy.HookspecMarker("socp")
 hookimpl = pluggy.HookimplMarker("socp")
@@ -47,9 +46,9 @@ def socp_recorder(
 
 
 @hookspec(firstresult=True)
-def socp_page(path: "Path", name: str, page: "Page") -> "bool | None":
-    """Write a recording that is no solve's, of what is called so, to a file, as that of a branch;
-    returns true where it did.
+def socp_page(path: "Path", name: str, page: Any) -> "bool | None":
+    """Write a recording that is no solve's, as that of a branch, to a file: `page`, a
+    `socp.view.Page`, of what is called `name`; returns true where it did.
 
     What it raises is reported and fails nothing.
     """

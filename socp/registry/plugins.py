@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from socp.model import Problem, Solution
     from socp.registry.recorder import Guarded
     from socp.registry.viewer import Screen
-    from socp.view import Page
 
 VARIABLE = "SOCP_PLUGINS"
 LISTENERS = ("socp_solved", "socp_recorder", "socp_page", "socp_viewer")
@@ -198,9 +197,9 @@ class Registry:
             return Guarded(None, complaints=complaints)
         raise MethodError("--record, --live: no plugin records; see 'socp plugins list'")
 
-    def record(self, path: "Path", name: str, page: "Page") -> list[str]:
-        """Write a recording that is no solve's by the first plugin that does; returns what went
-        wrong, a line each, where none did.
+    def record(self, path: "Path", name: str, page: Any) -> list[str]:
+        """Write a recording that is no solve's, a `socp.view.Page`, by the first plugin that does;
+        returns what went wrong, a line each, where none did.
 
         MethodError says so where no plugin writes such recordings.
         """

@@ -9,6 +9,7 @@ from .clusters import Cluster as Cluster
 from .expectation import Unseen as Unseen
 from .expectation import unseen as unseen
 from .following import follow as follow
+from .following import followed_to as followed_to
 from .frontier import Frontier as Frontier
 from .frontier import best_by_switches as best_by_switches
 from .frontier import distinct_rows as distinct_rows

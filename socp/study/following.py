@@ -21,6 +21,7 @@ from socp.study.events import changed, minimality, passed
 from socp.study.folds import rounded
 from socp.study.monitors import margins
 from socp.study.naming import FOLD
+from socp.study.numbers import numbers_of
 from socp.study.walk import ASTRAY, SMALLEST, STEPS, Trial, Walk, apart, predicted, vanishing
 from socp.verdict import with_second_order, with_statement
 
@@ -70,6 +71,38 @@ def follow(
         for each in walk.events
     )
     return Branch(problem.name, name, points, events, ended, interrupted)
+
+
+def followed_to(
+    problem: Problem,
+    start: Mapping[str, float],
+    guess: Solution | None = None,
+    *,
+    watch: Watch = silent,
+) -> Solution:
+    """Return an extremal of a problem that is hard from nothing, by way of an easier one, in which
+    a number has the value that it has in `start`: solved there, and followed to its own value.
+
+    `guess`: a solution there, or near it. Raises MethodError for anything but one number that the
+    problem has another value of, SolveError where no extremal is found to begin with, or the branch
+    ends before, with what it says.
+    """
+    own = numbers_of(problem)
+    for name in start:
+        if name not in own:
+            problem.with_(dict(start))  # names what there is instead
+            raise MethodError(f"{name}: the problem has no value of it to follow it to")
+    span = {name: (float(value), own[name]) for name, value in start.items()}
+    found = follow(problem, span, guess, watch=watch)
+    if found.interrupted:
+        raise KeyboardInterrupt
+    if found.ended:
+        raise SolveError(f"{problem.name}: followed from {_told(start)}, but {found.ended}")
+    return found.points[-1].solution
+
+
+def _told(numbers: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} = {value:.6g}" for name, value in numbers.items())
 
 
 def _own(walk: Walk, value: float, solution: Solution) -> Solution:

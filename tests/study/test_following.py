@@ -21,7 +21,7 @@ from socp.model import (
     time,
 )
 from socp.registry import solve
-from socp.study import Branch, Point, follow
+from socp.study import Branch, Point, follow, followed_to
 from socp.study.walk import predicted
 
 v = states("v")
@@ -235,3 +235,36 @@ def test_what_cannot_be_followed_is_named(
 def test_a_guess_that_leads_nowhere_is_refused(along: Solution) -> None:
     with pytest.raises(SolveError, match="the guess leads to no extremal at the first value"):
         follow(POND, {"end.x": (9, 8)}, along)
+
+
+def test_an_easier_problem_leads_to_one(along: Solution) -> None:
+    """The level is met at T = 2 and is not at T = 1."""
+    short = POND.with_(final_time=1)
+    found = followed_to(short, {"final_time": 2}, along)
+    assert (found.word, found.extremal) == ("u: - +", True)
+    assert found.objective == pytest.approx(2 / 3 * (0.75**3 - 0.25**3), rel=1e-9)
+    assert found.problem == "pond"
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "said"),
+    [
+        ({"final_time": 4}, MethodError, "give two different values"),
+        ({"leve": 1.0}, ProblemError, "did you mean 'level'?"),
+        ({"end.x": 1.5, "level": 0.1}, MethodError, "but 2 are given"),
+    ],
+)
+def test_what_cannot_lead_is_named(
+    given: dict[str, float], error: type[Exception], said: str
+) -> None:
+    with pytest.raises(error, match=said):
+        followed_to(POND, given)
+
+
+@pytest.mark.slow
+def test_a_branch_that_does_not_arrive_leads_nowhere() -> None:
+    """In T = 2 one gets from 1 to -1 and no further."""
+    far = POND.with_({"end.x": -1.2, "final_time": 2})
+    start = solve(far.with_({"end.x": -0.8}), method="lgr-multiphase", word="- s -")
+    with pytest.raises(SolveError, match=r"pond: followed from end\.x = -0\.8, but end\.x = "):
+        followed_to(far, {"end.x": -0.8}, start)

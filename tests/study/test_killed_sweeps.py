@@ -32,7 +32,7 @@ def test_killed_at_random_it_ends_in_the_same_table(tmp_path: Path) -> None:
     random = np.random.default_rng(0)
     for kill in range(KILLS):
         process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL)
-        time.sleep(random.uniform(1.0, 12.0))
+        time.sleep(random.uniform(0.5, 4.5))
         if kill % 2:
             process.kill()
             process.wait()

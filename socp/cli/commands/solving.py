@@ -12,7 +12,7 @@ from socp.cli.commands.recording import live_option, record_option, recording, r
 from socp.cli.keeping import ENDING, Place, keep
 from socp.cli.options import DEFAULT_METHOD, pairs
 from socp.cli.outcome import code, require_option
-from socp.cli.posing import load_posed, named_after, set_option
+from socp.cli.posing import load_posed, named_after, set_option, told, with_changes
 from socp.cli.progress import progress
 from socp.cli.proofs import Proofs, proofs_of, provable
 from socp.cli.running import made, run_method
@@ -31,7 +31,7 @@ from socp.process import signals_held
 from socp.registry import load_guess
 
 if TYPE_CHECKING:
-    from socp.model import Problem, Solution
+    from socp.model import Problem, Solution, Watch
 
 
 @final
@@ -47,6 +47,7 @@ class Asked:
     max_switches: int | None
     seconds: float | None
     guess: str | None
+    start: tuple[str, ...]
     out: str | None
     record: str | None
     live: bool
@@ -108,6 +109,13 @@ class Asked:
 )
 @click.option("--guess", metavar="FILE", help="Start from a saved result.")
 @click.option(
+    "--from",
+    "start",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Solve with this value first, and follow the solution to the number's own.",
+)
+@click.option(
     "--out", metavar="FILE", help="Result file.  [default: PROBLEM.socp.json, with what is set]"
 )
 @click.option(
@@ -141,7 +149,8 @@ def solve(session: Session, /, **given: Any) -> int:
     session.complain(registry)
     method = made(registry, asked.method, [*asked.shortened(), *pairs(asked.options)])
     problem = load_posed(asked.problem, asked.changes, registry)
-    guess = _guess(asked.guess, problem) if asked.guess else default_guess(problem)
+    easier = with_changes(problem, asked.start, "--from")
+    guess = _guess(asked.guess, easier) if asked.guess else default_guess(easier)
     if asked.prove or asked.bound:
         provable()
     path = writable(
@@ -152,6 +161,9 @@ def solve(session: Session, /, **given: Any) -> int:
         recording(session, registry, problem, asked.record, live=asked.live) as recorder,
     ):
         with progress(messages(), f"{problem.name}, {method.name}", quiet=asked.quiet) as watch:
+            if asked.start:
+                first = run_method(registry, method, easier, guess, watch)
+                guess = _led(problem, asked.start, first, watch)
             solution = run_method(
                 registry, method, problem, guess, recording_watch(watch, recorder)
             )
@@ -189,6 +201,18 @@ def _show(problem: "Problem", proofs: Proofs, path: Path, asked: Asked) -> None:
         return
     table = report(problem, solution, str(path), proofs.lines)
     show(heading(problem.name, problem.title), table, *told)
+
+
+def _led(
+    problem: "Problem", start: tuple[str, ...], first: "Solution", watch: "Watch"
+) -> "Solution":
+    """Return a solution of a problem that is followed from that of an easier one."""
+    from socp.study import followed_to
+
+    numbers = {name: float(text) for name, text in told(start, "--from").items()}
+    if not first.extremal:
+        raise SolveError(f"{problem.name}: no extremal was certified at --from {', '.join(start)}")
+    return followed_to(problem, numbers, first, watch=watch)
 
 
 def _guess(path: str, problem: "Problem") -> "Solution":

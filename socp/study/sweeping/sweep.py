@@ -16,6 +16,7 @@ from socp.errors import MethodError, ProblemError, SolveError
 from socp.methods import versions
 from socp.model import Problem, Progress, Watch, silent, view
 from socp.process import breakable, give_way, heard, signals_held, write_atomic
+from socp.study.numbers import numbers_of
 from socp.study.store import Drawer, fingerprint
 from socp.study.sweeping.chain import Job, Load, Near, Stated, Task, Walked, nothing
 from socp.study.sweeping.engine import engine
@@ -23,7 +24,7 @@ from socp.study.sweeping.plan import Chain, planned
 from socp.study.sweeping.points import Points, points
 from socp.study.workers import results_of
 
-_RECIPE = 1  # of chains: kept ones of another recipe are worth nothing
+_RECIPE = 2  # of chains: kept ones of another recipe are worth nothing
 # of the table, besides the numbers; a final time that is given is the one that there is
 _COLUMNS = {"fingerprint", *nothing("")} - {"final_time"}
 
@@ -199,15 +200,7 @@ def _near(problem: Problem, points: Points) -> np.ndarray:
     """Return the numbers (d,) that a problem has itself, the middle of the points where it has
     none.
     """
-    boxes = {
-        f"{end}.{name}": box[:, k]
-        for end, box in (("start", problem.start_box), ("end", problem.end_box))
-        for k, name in enumerate(problem.state_names)
-    }
-    ends = {"initial_time": problem.initial_time_box, "final_time": problem.final_time_box}
-    both: list[tuple[str, Any]] = [*boxes.items(), *ends.items()]
-    fixed = {name: float(low) for name, (low, high) in both if low == high}
-    fixed |= {name: each.value for name, each in problem.constants.items()}
+    fixed = numbers_of(problem)
     middle = np.median(points.values, axis=0)
     return np.array([fixed.get(n, m) for n, m in zip(points.names, middle, strict=True)])
 
