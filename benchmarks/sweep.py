@@ -11,6 +11,7 @@ import argparse
 import os
 import resource
 import time
+from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -25,7 +26,7 @@ import socp
 from socp import Problem, silent
 from socp.model import Progress
 from socp.registry import Registry
-from socp.study import Points, engine, points
+from socp.study import Points, engine, points, pool, results_of
 
 
 def sets(count: int) -> dict[str, Points]:
@@ -66,6 +67,20 @@ def measured(problem: Problem, at: Points, given: str) -> tuple[float, int, floa
     return spent, found.certified, float(np.median(near))
 
 
+def overhead(count: int) -> dict[str, float]:
+    """Return the seconds that a task which does nothing costs, by engine: two processes, and two of
+    dask's workers.
+    """
+    found = {}
+    with pool(2) as two, engine("local", 2) as cluster:
+        for name, hands in (("processes", two), ("dask", cluster.workers)):
+            list(results_of(abs, deque(range(8)), hands))  # workers are there
+            began = time.perf_counter()
+            list(results_of(abs, deque(range(count)), hands))
+            found[name] = (time.perf_counter() - began) / count
+    return found
+
+
 def memory(problem: Problem, count: int) -> Iterator[tuple[int, float]]:
     """Yield how many points were solved in this process, and the most MiB that it has had then."""
     seen: list[tuple[int, float]] = []
@@ -84,6 +99,7 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=1000, help="of each set")
     parser.add_argument("--cold", type=int, default=20, help="of these, solved cold")
     parser.add_argument("--memory", type=int, default=5000, help="points; 0 for none")
+    parser.add_argument("--tasks", type=int, default=500, help="that do nothing, for overheads")
     parser.add_argument("--workers", nargs="*", default=["1", "2", "dask"])
     asked = parser.parse_args()
     problem = Registry.load().problem("auv")
@@ -97,6 +113,10 @@ def main() -> None:
             rate = certified / spent
             cells = str(len(at)), str(certified), f"{spent:.1f}", f"{rate:.2f}", f"{near:.3f}"
             table.add_row(name, given, *cells, f"{rate * alone:.1f}")
+    Console().print(table)
+    table = Table("engine", "ms a task that does nothing")
+    for name, seconds in overhead(asked.tasks).items():
+        table.add_row(name, f"{1e3 * seconds:.2f}")
     Console().print(table)
     if asked.memory:
         table = Table("points", "MiB at most")

@@ -24,3 +24,5 @@ from .sweeping.sweep import Kept as Kept
 from .sweeping.sweep import Sweep as Sweep
 from .sweeping.sweep import sweep as sweep
 from .sweeping.sweep import travels as travels
+from .workers import pool as pool
+from .workers import results_of as results_of

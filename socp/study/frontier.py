@@ -1,20 +1,23 @@
 """Where the objectives of a sequence of words tend to."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 from typing import final
 
 import numpy as np
 
-from socp.errors import MethodError, SolveError
+from socp.errors import MethodError
 from socp.laws import arc_modes
-from socp.methods import Follower, guess_along, kept_in_box, sound
+from socp.methods import guess_along
 from socp.model import (
     APPROXIMATE,
-    COMPARED,
     SHORTEST,
     Modes,
     Problem,
+    Progress,
     Solution,
     Stop,
     Watch,
@@ -38,7 +41,8 @@ from socp.search import (
     word_of,
 )
 from socp.solvers import Backend
-from socp.verdict import certified, chattering, graded
+from socp.study.words import Hands, judged_word, solved_word, solved_words
+from socp.verdict import chattering, graded
 
 _ROUNDING = 1e-11  # relative: what a difference of two objectives has to exceed to say anything
 # Times: what two ratios tell of the rest; further apart the rest is not known to its first digit
@@ -140,6 +144,7 @@ class _Trials:
     watch: Watch
     width: int = _WIDTH
     chattering: frozenset[str] = frozenset()
+    hands: Hands | None = None
     found: list[list[Solution]] = field(init=False)
     tried: set[str] = field(default_factory=set)
     words: int = 0
@@ -153,56 +158,78 @@ class _Trials:
         self.found += [[] for _ in range(most - self.most)]
         self.most, self.words = most, 0
 
-    def solve(self, given: Candidate) -> bool:
-        """Solve a word that is new and has few enough switches; returns whether it did better than
-        those before.
-        """
+    def _new(self, given: Candidate) -> bool:
+        """Tell whether a word is to be solved: it is new, and has few enough switches."""
         count = len(given.arcs) - 1
         over = self.interrupted or seconds_left() <= 0.0 or self.words >= max(_MOST, _ALL)
         if over or not 0 <= count <= self.most or given.key in self.tried:
             return False
         self.tried.add(given.key)
         self.words += 1
-        try:
-            solution = self._solved(given)
-        except (MethodError, SolveError):
+        return True
+
+    def solve(self, given: Candidate) -> bool:
+        """Solve a word that is new and has few enough switches; returns whether it did better than
+        those before.
+        """
+        if not self._new(given):
             return False
-        self.interrupted |= solution.stop is Stop.INTERRUPTED
-        if not solution.stop.ok or not sound(self.problem, solution):
-            return False
-        return self._kept(solution)
+        word = str(Word(self.problem.control_names, given.arcs))
+        watch = search_watch(self.watch, f"word {self.words}", word, self.best(self.most))
+        level = self._level(len(given.arcs))
+        found = solved_word(self.problem, given, self.dwell, self.backend, watch, level)
+        return self._kept(found)
+
+    def _level(self, arcs: int) -> float:
+        """Return the objective that a solution of so many arcs has to be less than to be kept."""
+        row = self.found[arcs - 1]
+        return row[-1].objective if len(row) == self.width else float("inf")
 
     def all(self, given: Iterable[Candidate]) -> bool:
         """Solve words; returns whether any did better than those before."""
-        # all of them, whichever is better
-        return any([self.solve(each) for each in given])  # noqa: C419
+        if self.hands is None:  # all of them, whichever is better
+            return any([self.solve(each) for each in given])  # noqa: C419
+        new = [each for each in given if self._new(each)]
+        found = dict[int, Solution | None]()
+        with suppress(BrokenExecutor):  # its workers are gone: what is left is solved here
+            for place, answer in solved_words(new, self.dwell, self.hands):
+                found |= {} if answer is None else {place: answer[0]}
+                self.interrupted |= self.tell(len(new) - len(found))
+                if self.interrupted:
+                    break
+        if len(found) < len(new) and not self.interrupted:
+            self.hands = None
+            for k in sorted({*range(len(new))} - set(found)):
+                found[k] = solved_word(self.problem, new[k], self.dwell, self.backend, self.watch)
+        # in the order of the words, however fast the workers were
+        return any([self._kept(found[k]) for k in sorted(found)])  # noqa: C419
 
-    def _solved(self, given: Candidate) -> Solution:
-        word = Word(self.problem.control_names, given.arcs)
-        follower = Follower(dwell=self.dwell, longer=False, backend=self.backend)
-        watch = search_watch(self.watch, f"word {self.words}", str(word), self.best(self.most))
-        return kept_in_box(
-            self.problem,
-            lambda boxed: replace(follower, boxed=boxed)(self.problem, word, given.guess(), watch),
-        )
+    def tell(self, left: int) -> bool:
+        """Tell the watch how far workers are; returns whether that asks to stop."""
+        best = self.best(self.most)
+        value, word = (float("nan"), "") if best is None else (best.objective, best.word)
+        stage = f"word {self.words - left} of {self.words}"
+        return self.watch(Progress(stage, self.words, value, float("nan"), word, value))
 
-    def _kept(self, solution: Solution) -> bool:
+    def _kept(self, solution: Solution | None) -> bool:
         """Keep a solution among the best of its number of switches, without arcs that have
         vanished. One that is no better than those is not judged.
         """
+        if solution is None or solution.stop is Stop.INTERRUPTED:
+            self.interrupted |= solution is not None
+            return False
         row = self.found[len(solution.arcs) - 1]
-        behind = len(row) == self.width and not solution.objective < row[-1].objective
-        if not behind:
-            solution = certified(self.problem, solution)
-            if solution.verdict is None or not solution.verdict.miss <= COMPARED:
-                return False
+        behind = not solution.objective < self._level(len(solution.arcs))
+        judged = solution if behind else judged_word(self.problem, solution)
+        if judged is None:
+            return False
         lean = shortened(word_of(solution), SHORTEST)
         if self.dwell == 0.0 and len(lean.arcs) < len(solution.arcs):
             self.solve(lean)
         if behind:
             return False
         better = not row or solution.objective < row[0].objective
-        row[:] = sorted([*row, solution], key=lambda each: each.objective)[: self.width]
+        row[:] = sorted([*row, judged], key=lambda each: each.objective)[: self.width]
         return better
 
     def insertions(self, now: Candidate, modes: Sequence[Modes]) -> Iterator[Candidate]:
@@ -231,15 +258,17 @@ def best_by_switches(
     most: int,
     start: Solution,
     dwell: float = 0.0,
-    backend: Backend | None = None,
     watch: Watch = silent,
+    workers: Hands | None = None,
 ) -> Frontier:
     """Return the best objective for every number of switches up to the most.
 
     A switch is a time at which any control changes its mode; `dwell` is the least time between two
     of them, and from the ends of the horizon to the nearest. Where there are few enough words, each
     is solved; otherwise those that come of the start's word, and of the best ones found, by leaving
-    arcs out and by putting others in. Raises MethodError for a number or a time out of range.
+    arcs out and by putting others in. `workers`: an executor, and how each of its workers loads the
+    problem; words that do not ask one another are solved side by side then. Raises MethodError
+    for a number or a time out of range.
     """
     if most < 0 or not dwell >= 0.0:
         raise MethodError(
@@ -248,7 +277,10 @@ def best_by_switches(
     modes = arc_modes(problem)
     every = word_count(len(modes), most) <= _ALL
     return _frontier(
-        _Trials(problem, most, dwell, along_words(backend), watch), modes, start, every=every
+        _Trials(problem, most, dwell, along_words(), watch, hands=workers),
+        modes,
+        start,
+        every=every,
     )
 
 
@@ -344,11 +376,16 @@ def _ends(solution: Solution, control: str) -> int:
 
 def _everything(trials: _Trials, modes: Sequence[Modes], start: Solution) -> None:
     """Solve every word, shorter ones first."""
-    for arcs in all_words(modes, trials.most):
-        word = Word(trials.problem.control_names, arcs)
-        source = trials.best(len(arcs) - 1) or start
-        cut = Candidate.of(guess_along(trials.problem, source, word), arcs)
-        trials.solve(replace(cut, source=source))
+    for _, words in groupby(all_words(modes, trials.most), key=len):
+        trials.all(_cut(trials, start, arcs) for arcs in words)
+
+
+def _cut(trials: _Trials, start: Solution, arcs: tuple[Modes, ...]) -> Candidate:
+    """Return a word with lengths from the best solution with no more switches."""
+    word = Word(trials.problem.control_names, arcs)
+    source = trials.best(len(arcs) - 1) or start
+    cut = Candidate.of(guess_along(trials.problem, source, word), arcs)
+    return replace(cut, source=source)
 
 
 def _beam(trials: _Trials, modes: Sequence[Modes], start: Solution) -> None:

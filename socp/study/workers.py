@@ -53,6 +53,27 @@ def results_of(
                 yield job, None
 
 
+@contextmanager
+def pool(count: int) -> Iterator[Executor]:
+    """Yield so many processes of this machine, which are prepared as those of `results_of` are, and
+    end with the block.
+    """
+    context = multiprocessing.get_context("spawn")
+    before = set(multiprocessing.active_children())
+    with _sheltered():
+        stop = context.Event()
+        found = ProcessPoolExecutor(count, context, _begin, (stop, os.getpid()))
+        for _ in range(count):  # they start when they are needed, which is to be here
+            found.submit(os.getpid)
+    try:
+        yield found
+    finally:
+        stop.set()
+        found.shutdown(wait=False, cancel_futures=True)
+        for worker in set(multiprocessing.active_children()) - before:
+            worker.kill()
+
+
 def asked(_progress: Progress | None = None, /) -> bool:
     """Watch for the wish, seen in a worker, that it should stop."""
     return bool(_HERE) and bool(_HERE[0].is_set())

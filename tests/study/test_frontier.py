@@ -4,7 +4,9 @@ known in closed form.
 
 import json
 import math
+from concurrent.futures import BrokenExecutor, Executor, Future
 from pathlib import Path
+from typing import Any
 
 import carts
 import pytest
@@ -16,6 +18,7 @@ from socp.cli import main
 from socp.errors import MethodError
 from socp.methods import Follower, guess_along
 from socp.methods.guess import default_guess
+from socp.model import Progress
 from socp.model.data.files import load
 from socp.model.word import Word
 from socp.registry.plugins import Registry
@@ -37,6 +40,7 @@ from socp.study.frontier import (
     limit_switches,
     summary,
 )
+from socp.study.workers import pool
 from socp.transcription.schemes import euler
 from socp.verdict import judge
 
@@ -222,6 +226,58 @@ def test_a_watch_that_has_seen_enough_ends_it(certified: Solution) -> None:
     assert not found.every
     assert found.rows[2] is None
     assert words[-1] == "u: + -"
+
+
+class Here(Executor):
+    """An executor of this process, whose workers die after so many jobs."""
+
+    def __init__(self, most: int = 1000) -> None:
+        self.left = most
+
+    def submit(self, job: Any, /, *given: Any, **named: Any) -> Future[Any]:
+        if not self.left:
+            raise BrokenExecutor
+        self.left -= 1
+        found: Future[Any] = Future()
+        found.set_result(job(*given, **named))
+        return found
+
+
+@pytest.mark.parametrize("most", [1000, 3])
+@pytest.mark.parametrize("every", [200, 1])
+def test_an_executor_finds_the_same_words(
+    most: int, every: int, certified: Solution, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("socp.study.frontier._ALL", every)
+    alone = best_by_switches(cart, 2, certified)
+    told: list[str] = []
+
+    def watch(now: Progress, /) -> bool:
+        told.append(now.stage)
+        return False
+
+    found = best_by_switches(cart, 2, certified, watch=watch, workers=(Here(most), carts.cart))
+    assert [row and row.word for row in found.rows] == [row and row.word for row in alone.rows]
+    assert found.best.objective == pytest.approx(alone.best.objective, rel=1e-9)
+    assert found.every == alone.every
+    assert any(" of " in stage for stage in told)
+
+
+def test_a_watch_ends_the_work_of_an_executor(certified: Solution) -> None:
+    found = best_by_switches(
+        cart, 2, certified, watch=lambda now: now.stage > "", workers=(Here(), carts.cart)
+    )
+    assert found.interrupted
+    assert not found.every
+
+
+@pytest.mark.slow
+def test_processes_find_the_same_words(certified: Solution) -> None:
+    alone = best_by_switches(cart, 2, certified)
+    with pool(2) as two:
+        found = best_by_switches(cart, 2, certified, workers=(two, carts.cart))
+    assert [row and row.word for row in found.rows] == [row and row.word for row in alone.rows]
+    assert found.words == alone.words
 
 
 @pytest.mark.parametrize(("most", "dwell"), [(-1, 0.0), (2, -0.5), (2, math.nan)])

@@ -1,5 +1,6 @@
 """A sweep that is killed again and again ends in the table that it would have ended in."""
 
+import json
 import os
 import signal
 import subprocess
@@ -53,3 +54,45 @@ def _kill_a_child(pid: int) -> None:
     children = [int(each) for each in listed.stdout.split()]
     if children:
         os.kill(children[-1], signal.SIGKILL)
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_is_killed_costs_what_is_under_way(tmp_path: Path) -> None:
+    file, told = f"{ponds.__file__}:POND", tmp_path / "scheduler.json"
+    sweeping = ("sweep", file, "--set", f"final_time={RANGE}", "--quiet")
+    command = [sys.executable, "-m", "socp.cli", *sweeping]
+    quiet: Any = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
+
+    def started(part: str, *words: str) -> Any:
+        code = f"from distributed.cli.dask_{part} import main; main()"
+        return subprocess.Popen([sys.executable, "-c", code, *words, "--no-dashboard"], **quiet)
+
+    def until(ready: Any) -> None:
+        last = time.monotonic() + 120
+        while not ready():
+            assert time.monotonic() < last
+            time.sleep(0.1)
+
+    parts = [
+        started("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(told))
+    ]
+    try:
+        until(told.exists)
+        address = json.loads(told.read_text())["address"]
+        parts.append(started("worker", address, "--nthreads", "1"))
+        process = subprocess.Popen([*command, "--dask", address], **quiet)
+        parts.append(process)
+        until(lambda: [*(tmp_path / "pond.sweep").rglob("*.json")])
+        parts[0].kill()
+        assert process.wait(timeout=120) == 0
+        rows, facts = rows_from_parquet(tmp_path / "pond.sweep.parquet")
+        assert 0 < facts["certified"] < 24
+        assert {row["message"] for row in rows} == {"", "its worker died"}
+    finally:
+        for each in parts:
+            each.kill()
+            each.wait()
+    assert subprocess.run(command, check=False, **quiet).returncode == 0
+    rows, facts = rows_from_parquet(tmp_path / "pond.sweep.parquet")
+    assert facts["certified"] == 24
+    assert same(rows) == same(sweep(POND, points({"final_time": RANGE})).rows)

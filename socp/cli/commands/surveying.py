@@ -1,6 +1,7 @@
 """`socp census` and `socp frontier`: many solves of one problem, one table."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,8 @@ from socp.process import signals_held
 from socp.view import small, switching_times, times
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from socp.model import Problem, Solution
     from socp.study import Census, Cluster, Frontier
 
@@ -50,6 +53,25 @@ def _output_options(command: Callable[..., int]) -> Callable[..., int]:
     return command
 
 
+def _worker_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Add whose hands do the work to the options of a command."""
+    for option in (
+        click.option(
+            "--dask", metavar="ADDRESS", help="Scheduler of dask, or 'local' for one of its own."
+        ),
+        click.option(
+            "-j",
+            "--jobs",
+            default=1,
+            show_default=True,
+            type=click.IntRange(1, 1024),
+            help="Worker processes.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
 @click.command()
 @click.argument("problem", metavar="FILE_OR_NAME", shell_complete=problems)
 @click.option(
@@ -59,15 +81,7 @@ def _output_options(command: Callable[..., int]) -> Callable[..., int]:
     type=click.IntRange(1, 10_000),
     help="Number of starts.",
 )
-@click.option(
-    "-j",
-    "--jobs",
-    default=1,
-    show_default=True,
-    type=click.IntRange(1, 1024),
-    help="Worker processes.",
-)
-@click.option("--dask", metavar="ADDRESS", help="Scheduler of dask, or 'local' for one of its own.")
+@_worker_options
 @_output_options
 @click.pass_obj
 def census(session: Session, /, **given: Any) -> int:
@@ -93,6 +107,8 @@ def census(session: Session, /, **given: Any) -> int:
         engine(given["dask"] or given["jobs"], given["jobs"]) as hands,
         progress(messages(), f"{posed.name}, census", quiet=session.quiet) as watch,
     ):
+        if hands.dashboard:
+            session.note(f"dashboard  {hands.dashboard}")
         found = survey(posed, starts, store, watch, (hands.workers, named))
     with signals_held():
         best, place = found.best, None
@@ -251,6 +267,7 @@ def _cells(solution: "Solution", starts: int) -> Mapping[str, str]:
     type=click.FloatRange(min=0.0),
     help="Least time between two switches, and from the ends.",
 )
+@_worker_options
 @_output_options
 @click.pass_obj
 def frontier(session: Session, /, **given: Any) -> int:
@@ -266,17 +283,22 @@ def frontier(session: Session, /, **given: Any) -> int:
     from socp.study import explore
 
     session.quiet = given["quiet"]
-    posed = load_posed(given["problem"], given["changes"], session.registry(plugins=False))
+    named = Named(given["problem"], given["changes"])
+    posed = load_posed(named.given, named.changes, session.registry(plugins=False))
     check_controls(posed)
     path = writable(
         Path(given["out"]) if given["out"] else named_after(posed.name, ENDING, given["changes"])
     )
     most, dwell = given["most"], given["dwell"]
-    with progress(messages(), f"{posed.name}, frontier", quiet=session.quiet) as watch:
+    with (
+        _executor(session, given) as executor,
+        progress(messages(), f"{posed.name}, frontier", quiet=session.quiet) as watch,
+    ):
         first = explore(posed, 0, watch)
         if first.solution is None:
             raise SolveError(f"{posed.name}: no direct solution to begin with: {first.error}")
-        found = search(posed, most, first.solution, dwell, watch=watch)
+        workers = None if executor is None else (executor, named)
+        found = search(posed, most, first.solution, dwell, watch, workers)
     best, place = found.best, None
     with signals_held():
         if best is not None:
@@ -304,6 +326,23 @@ def frontier(session: Session, /, **given: Any) -> int:
         session.note("interrupted: the table is of the words solved before")
         return Exit.INTERRUPTED
     return Exit.SOLVED if best is not None else Exit.UNSOLVED
+
+
+@contextmanager
+def _executor(session: Session, given: Mapping[str, Any]) -> "Iterator[Executor | None]":
+    """Yield an executor of the workers that were asked for, None for this process alone."""
+    from socp.study import engine, pool
+
+    with engine(given["dask"] or given["jobs"], given["jobs"]) as hands:
+        if hands.dashboard:
+            session.note(f"dashboard  {hands.dashboard}")
+        if not isinstance(hands.workers, int):
+            yield hands.workers
+        elif hands.workers == 1:
+            yield None
+        else:
+            with pool(hands.workers) as own:
+                yield own
 
 
 def _ladder(problem: "Problem", found: "Frontier") -> dict[str, Any]:
