@@ -68,19 +68,25 @@ def _flattened(walk: Walk, before: Trial, now: Trial) -> Iterator[float]:
     by the polynomial through some of them, the number over the curvature.
     """
     known, step = [before, now], now.value - before.value
-    yield (zero := _crossed(known, CURVATURE))
+    zero = _crossed(known, CURVATURE)  # they differ in sign
+    yield zero
     for share in _NEARER:
         near = min((before, now), key=lambda each: abs(each.value - zero))
         tried = (walk.tried(zero + node * share * step, near) for node in _NODES)
         found = [each for each in tried if each is not None and CURVATURE in each.margins]
-        if len(found) < len(_NODES):
+        if len(found) < len(_NODES) or np.isnan(nearer := _crossed(found, CURVATURE)):
             return
-        yield (zero := _crossed(found, CURVATURE))
+        zero = nearer
+        yield zero
 
 
 def _crossed(trials: list[Trial], clue: Clue) -> float:
-    """Return the number at which a margin of trials is zero, by the polynomial through them."""
+    """Return the number at which a margin of trials is zero, by the polynomial through them, nan
+    where it does not move.
+    """
     heights = [each.margins[clue].value for each in trials]
+    if len(set(heights)) < len(heights):
+        return float("nan")
     return float(BarycentricInterpolator(heights, [each.value for each in trials])(0.0))
 
 
@@ -140,7 +146,12 @@ def _located(walk: Walk, inside: Trial, outside: Trial) -> Zero | None:
         else:
             there = _zero(walk, clue, inside, outside)
             zeros += [] if there is None else [Zero(there, clue)]
-    return min(zeros, key=lambda each: abs(each.trial.value - inside.value), default=None)
+
+    def order(each: Zero) -> tuple[float, bool]:
+        steps = abs(each.trial.value - inside.value) / (EVENT * abs(walk.width))
+        return round(steps), each.clue.kind != "length"  # multipliers go with the arc they are on
+
+    return min(zeros, key=order, default=None)
 
 
 def _zero(walk: Walk, clue: Clue, inside: Trial, outside: Trial) -> Trial | None:
@@ -181,6 +192,8 @@ def _approached(walk: Walk, clue: Clue, inside: Trial, outside: Trial) -> Trial 
         if abs(found.margins[clue].value) <= ZERO:
             return found
         value = _crossed(good[-len(_NODES) :], clue)
+        if not min(inside.value, outside.value) <= value <= max(inside.value, outside.value):
+            return None
     return None
 
 

@@ -111,6 +111,19 @@ def test_a_start_crosses_a_singular_surface() -> None:
 
 
 @pytest.mark.slow
+def test_two_arcs_turn_at_once() -> None:
+    """Both ends are at 1/2: below and above the level cost the same, 2/3 |1/2 - level|^3."""
+    even = POND.with_({"start": {x: 0.5}, "end": {x: 0.5}, "final_time": 2})
+    start = solve(even.with_(level=0.3), method="lgr-multiphase", word="- s +")
+    found = follow(even, {"level": (0.3, 0.7)}, start, steps=2)
+    whole(found, 0.7, ["u: - s +", "u: + s -"])
+    assert found.events[0].value == pytest.approx(0.5, abs=1e-8)
+    for each in found.points:
+        exact = 2 / 3 * abs(0.5 - each.value) ** 3
+        assert each.solution.objective == pytest.approx(exact, rel=1e-7)
+
+
+@pytest.mark.slow
 def test_an_event_at_the_last_value_is_one(along: Solution) -> None:
     found = follow(POND, {"final_time": (2, 1.5)}, along, steps=2)
     whole(found, 1.5, ["u: - s +", "u: - +"])
