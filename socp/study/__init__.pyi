@@ -10,11 +10,6 @@ from .expectation import Unseen as Unseen
 from .expectation import unseen as unseen
 from .following import follow as follow
 from .following import followed_to as followed_to
-from .frontier import Frontier as Frontier
-from .frontier import best_by_switches as best_by_switches
-from .frontier import distinct_rows as distinct_rows
-from .frontier import limit as limit
-from .frontier import limit_switches as limit_switches
 from .store import Store as Store
 from .store import fingerprint as fingerprint
 from .sweeping.engine import engine as engine
@@ -24,5 +19,10 @@ from .sweeping.sweep import Kept as Kept
 from .sweeping.sweep import Sweep as Sweep
 from .sweeping.sweep import sweep as sweep
 from .sweeping.sweep import travels as travels
+from .switches.frontier import Frontier as Frontier
+from .switches.frontier import best_by_switches as best_by_switches
+from .switches.frontier import distinct_rows as distinct_rows
+from .switches.frontier import limit_switches as limit_switches
+from .switches.tendency import limit as limit
 from .workers import pool as pool
 from .workers import results_of as results_of

@@ -194,7 +194,7 @@ OTHERS = {
     ),
     "frontier, between its words": (
         ("frontier", "cart.py", "--max-switches", "1"),
-        "socp.study.frontier:_everything",
+        "socp.study.switches.frontier:_everything",
         1,
         "solved before",
         False,

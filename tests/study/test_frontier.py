@@ -31,15 +31,13 @@ from socp.search.neighbours import (
     word_of,
 )
 from socp.study.census import explore
-from socp.study.frontier import (
+from socp.study.switches.frontier import (
     Frontier,
     best_by_switches,
     distinct_rows,
-    length_ratios,
-    limit,
     limit_switches,
-    summary,
 )
+from socp.study.switches.tendency import length_ratios, limit, summary
 from socp.study.workers import pool
 from socp.transcription.schemes import euler
 from socp.verdict import judge
@@ -207,7 +205,7 @@ def test_no_limit_without_a_geometric_sequence(fuller: tuple[Problem, Frontier])
 def test_many_words_are_found_next_to_the_best_ones(
     certified: Solution, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("socp.study.frontier._ALL", 1)
+    monkeypatch.setattr("socp.study.switches.frontier._ALL", 1)
     found = best_by_switches(cart, 2, certified)
     assert not found.every
     assert (found.rows[0], found.rows[1].word) == (None, "u: + -")
@@ -248,7 +246,7 @@ class Here(Executor):
 def test_an_executor_finds_the_same_words(
     most: int, every: int, certified: Solution, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("socp.study.frontier._ALL", every)
+    monkeypatch.setattr("socp.study.switches.frontier._ALL", every)
     alone = best_by_switches(cart, 2, certified)
     told: list[str] = []
 

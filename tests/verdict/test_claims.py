@@ -41,7 +41,7 @@ from socp.search.conclusion import better_point, conclude, explanation, foremost
 from socp.search.effort import Ration, Search, clearly, off, precedes
 from socp.search.mending import mends
 from socp.search.neighbours import word_of
-from socp.study.frontier import limit, summary
+from socp.study.switches.tendency import limit, summary
 from socp.transcription.mesh import Mesh
 from socp.transcription.schemes import euler, radau_iia
 from socp.verdict.certify import case
