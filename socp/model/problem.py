@@ -147,7 +147,7 @@ class Problem:
         heads = {name.partition(".")[0] for name in told}
         if heads - _BESIDE:
             found["reference"] = told.get("reference")
-        if known is None and heads <= _NUMBERS:
+        if told and known is None and heads <= _NUMBERS:
             numbers = {name: constants.numbers_in(found[name]) for name in heads}
             if all(_alike(getattr(self, name), new) for name, new in numbers.items()):
                 return self._valued(numbers)
@@ -163,7 +163,7 @@ class Problem:
         tables = {k: MappingProxyType(v) if k in keys.TABLES else v for k, v in numbers.items()}
         vars(found).update(self._arguments, **tables, reference=None, formula=None)
         if self.reference is None:
-            vars(found)[_BEFORE] = self
+            vars(found)[_BEFORE] = vars(self).get(_BEFORE, self)
         try:
             ranges.check(vars(found))
         except ProblemError as error:

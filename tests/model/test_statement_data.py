@@ -6,6 +6,7 @@ import copy
 import json
 import math
 import pickle
+import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -495,3 +496,16 @@ def test_what_cannot_be_written_is_said_and_not_carried() -> None:
     carried = with_statement(everything(), replace(solution))
     assert (carried.origin.unstated, carried.statement) == ("", everything().statement)
     assert fingerprint(problem, "r") != fingerprint(problem, "r")
+
+
+def test_nothing_changed_is_the_problem_with_its_reference() -> None:
+    base = everything(reference=Reference(objective=1.0))
+    assert base.with_().reference == base.with_({}).reference == base.reference
+    assert base.with_().fingerprint == base.fingerprint
+
+
+def test_numbers_changed_again_and_again_are_those_of_the_last_change() -> None:
+    now = everything()
+    for k in range(sys.getrecursionlimit()):
+        now = now.with_(start={x: 1.0 + k})
+    assert now.fingerprint == everything().with_(start={x: now.start[x]}).fingerprint
