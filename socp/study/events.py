@@ -74,7 +74,10 @@ def _flattened(walk: Walk, before: Trial, now: Trial) -> Iterator[float]:
         near = min((before, now), key=lambda each: abs(each.value - zero))
         tried = (walk.tried(zero + node * share * step, near) for node in _NODES)
         found = [each for each in tried if each is not None and CURVATURE in each.margins]
-        if len(found) < len(_NODES) or np.isnan(nearer := _crossed(found, CURVATURE)):
+        if len(found) < len(_NODES):
+            return
+        nearer = _crossed(found, CURVATURE)
+        if not min(before.value, now.value) <= nearer <= max(before.value, now.value):
             return
         zero = nearer
         yield zero
@@ -147,11 +150,12 @@ def _located(walk: Walk, inside: Trial, outside: Trial) -> Zero | None:
             there = _zero(walk, clue, inside, outside)
             zeros += [] if there is None else [Zero(there, clue)]
 
-    def order(each: Zero) -> tuple[float, bool]:
-        steps = abs(each.trial.value - inside.value) / (EVENT * abs(walk.width))
-        return round(steps), each.clue.kind != "length"  # multipliers go with the arc they are on
+    def steps(each: Zero) -> int:
+        return round(abs(each.trial.value - inside.value) / (EVENT * abs(walk.width)))
 
-    return min(zeros, key=order, default=None)
+    return min(
+        zeros, key=steps, default=None
+    )  # of some as near a length, which is the first of all
 
 
 def _zero(walk: Walk, clue: Clue, inside: Trial, outside: Trial) -> Trial | None:

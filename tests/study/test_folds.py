@@ -6,6 +6,9 @@ dJ/ds = x - T + 2 g'(x) where J = -y(T) + g(x(T)). The switching function is lin
 zero at s, so that the principle holds whatever g is: `bent` makes dJ/ds any function.
 """
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from casadi import SX, cos
@@ -14,6 +17,8 @@ from ponds import level, rate, u, x
 from socp.model import Problem, Solution, constants, controls, states, time
 from socp.registry import solve
 from socp.study import Branch, follow
+from socp.study.events import minimality
+from socp.study.monitors import CURVATURE, Margin
 
 T = 3.0
 y, z, w = states("y z w")
@@ -189,3 +194,19 @@ def test_round_a_fold_nearby() -> None:
     found = follow(fold, {"a": (1e-3, -1.0)}, along(fold.with_(a=1e-3), "+ -"), steps=1)
     assert [each.value for each in found.events] == pytest.approx([0.0], abs=1e-8)
     assert ends(found)[-1] == pytest.approx(-np.sqrt(1e-3), abs=1e-9)
+
+
+def test_where_a_minimum_is_lost_lies_between_what_shows_it() -> None:
+    """Near the zero the curvature hardly changes: a polynomial leads a thousand steps away."""
+    solution = SimpleNamespace(word="u: +")
+
+    def trial(value: float, curvature: float) -> Any:
+        found = {CURVATURE: Margin(curvature, 0.0)}
+        return SimpleNamespace(value=value, solution=solution, margins=found)
+
+    def tried(value: float, _near: Any) -> Any:
+        return trial(value, 1.0 + 1e-3 * value)
+
+    walk: Any = SimpleNamespace(name="n", width=1.0, points=[], tried=tried)
+    (event,) = minimality(walk, trial(0.0, 1.0), trial(1.0, -1.0))
+    assert (event.kind, event.value, event.error) == ("minimum lost", 0.5, np.inf)
