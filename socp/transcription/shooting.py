@@ -205,7 +205,7 @@ class Shooting:
         """
         phases = self.phased.phases
         held = [e.element_hash() for f in phases for e in column((*f.entry, *f.exit)).elements()]
-        shape = [(len(f.entry), f.carried.numel(), a.mesh.size) for f, a in self.pairs]
+        shape = [(len(f.entry), len(f.exit), f.carried.numel(), a.mesh.size) for f, a in self.pairs]
         key = (*held, *shape, *(row.name for row in self.ends))
         # with the phases their expressions stay, by whose places in memory they are told apart
         return lately(self.phased.of, _joined, key, lambda: (phases, _joined(self)), _KEPT)[1]

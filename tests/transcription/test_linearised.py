@@ -1,5 +1,8 @@
 """Derivatives of shooting equations, put together from those of single intervals."""
 
+from dataclasses import replace
+from typing import Any
+
 import casadi
 import numpy as np
 import pytest
@@ -58,3 +61,18 @@ def test_arcs_of_one_law_share_their_functions() -> None:
     assert first is last
     assert first is not middle
     assert motion_of(known.phased.of, known.phased.phases[2]) is first
+
+
+def test_what_holds_where_one_arc_ends_is_not_taken_for_another_s() -> None:
+    def left(known: Shooting, first: tuple[casadi.SX, ...], then: tuple[casadi.SX, ...]) -> Any:
+        a, b, c = known.phased.phases
+        phases = replace(a, exit=first), replace(b, exit=then), c
+        other = Shooting(replace(known.phased, phases=phases), known.solution, known.steps)
+        return other.joined[0](other.start)[0].full()
+
+    known, again = shooting(), shooting()
+    x, v = casadi.vertsplit(known.phased.of.x)
+    both = left(known, (x, v), ())
+    y, w = casadi.vertsplit(again.phased.of.x)
+    assert np.array_equal(left(known, (x,), (v,)), left(again, (y,), (w,)))
+    assert not np.array_equal(both, left(again, (y,), (w,)))
