@@ -221,7 +221,7 @@ def word_problem(problem: Problem, solution: Solution, points: int) -> WordProbl
     known: dict[tuple[Any, ...], WordProblem | None] = cached(problem, word_problem)
     found = known.get(key)
     if found is not None and found.phased.of is not problem:
-        if _alike(problem, solution):
+        if _alike(problem, solution) and not knot_times(found.phased.of):
             return found.of(problem)
         del known[key]
     return lately(problem, word_problem, key, lambda: _laid(problem, solution, points), _KEPT)

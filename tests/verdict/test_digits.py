@@ -11,16 +11,18 @@ import numpy as np
 import pytest
 from records import revised
 
-from socp import Ipopt, Problem, Solution, Word, controls, default_guess, final_time, states
+from socp import Ipopt, Problem, Solution, Word, controls, default_guess, final_time, silent, states
 from socp.laws import probes as points
 from socp.methods.guess import split
 from socp.methods.solving import Follower
+from socp.model.data.family import Family
 from socp.model.data.files import from_json, to_json
 from socp.model.evaluation import numbers, scales
 from socp.model.result.findings import Agreement
 from socp.model.result.solution import Stop
 from socp.model.symbols import time
 from socp.registry.plugins import Registry
+from socp.registry.solving import solve
 from socp.registry.standard import STANDARD, turning_back
 from socp.search.digits import with_agreement
 from socp.transcription.kinks import kinks
@@ -485,3 +487,20 @@ def moved_slightly(solution: Solution) -> Solution:
     """Return a solution with a state moved by rounding."""
     first, *rest = solution.arcs
     return replace(solution, arcs=(replace(first, x=np.nextafter(first.x, np.inf)), *rest))
+
+
+def test_a_word_is_not_cut_at_a_knot_of_a_longer_horizon() -> None:
+    x, u = states("x"), controls("u")
+    dear = 1 + casadi.fmax(time - 3, 0)
+    posed = Problem(
+        name="dear at last",
+        running=(x - 0.25) ** 2 * dear,
+        dynamics={x: u},
+        bounds={u: (-1, 1)},
+        start={x: 1},
+        final_time=4,
+    )
+    solution = solve(posed, method="lgr-multiphase", word="- s", watch=silent)
+    family = Family(posed, ("final_time",))
+    found = [word_problem(family.at({"final_time": tf}), solution, 10) for tf in (4.0, 2.0)]
+    assert [each.pieces for each in found if each] == [[1, 2], [1, 1]]
