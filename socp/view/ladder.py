@@ -122,16 +122,19 @@ def starts_lines(found: "Starts | None") -> list[str]:
     """Return from how many starts a solution is the best, and what else was met."""
     if found is None:
         return []
-    count, ended = len(found.coarse), sum(each.starts for each in found.coarse)
+    count = len(found.coarse)
     met = ", ".join(f"{each.objective:.6g} ({each.starts})" for each in found.coarse[:_TOLD])
     more = f" and {count - _TOLD} more" if count > _TOLD else ""
     which = "a local solution" if count == 1 else f"{count} local solutions"
-    share = f"{ended} of them" if ended < found.tried else "all" if ended > 1 else "it"
-    told = f"; {share} ended in {which}, on a coarse grid at {met}{more}" if count else ""
+    all_of = "all" if found.tried > 1 else "it"
+    share = f"{found.ended} of them" if found.ended < found.tried else all_of
+    told = f"{_best_of(found.tried)}; {share} ended in {which}, on a coarse grid at {met}{more}"
+    if not count:
+        told = f"none of {found.tried} ended in a local solution of the coarse grid"
     others = [
         f"another extremal was certified at {each.objective:.12g}: {each.word}"
         for each in found.extremals
     ]
     if found.better is not None:
         others.insert(0, f"a feasible point that is no extremal reaches {found.better:.12g}")
-    return [f"{_best_of(found.tried)}{told}", *(others or ["no other extremal was certified"])]
+    return [told, *(others or ["no other extremal was certified"])]

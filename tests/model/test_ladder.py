@@ -95,17 +95,24 @@ def test_no_branch_stands_on_another() -> None:
     assert all(rung.implies(Rung.FEASIBLE) for rung in Rung if rung is not Rung.INFEASIBLE)
 
 
+FOUR = Starts(tried=4, coarse=(Met(objective=1.0, starts=3), Met(objective=2.0)))
+
+
 @pytest.mark.parametrize(
     ("starts", "why"),
     [
-        (Starts(tried=4), ""),
-        (Starts(tried=4, extremals=(Met(objective=2.0, word="u: -"),)), ""),
-        (Starts(tried=1), "one start: nothing to compare"),
+        (FOUR, ""),
+        (replace(FOUR, extremals=(Met(objective=2.0, word="u: -"),)), ""),
+        (Starts(tried=4), "no start ended in a local solution: nothing to compare"),
         (
-            Starts(tried=4, extremals=(Met(objective=0.5, word="u: -"),)),
+            Starts(tried=4, coarse=(Met(objective=1.0),)),
+            "one start ended in a local solution: nothing to compare",
+        ),
+        (
+            replace(FOUR, extremals=(Met(objective=0.5, word="u: -"),)),
             "another extremal, u: -",
         ),
-        (Starts(tried=4, better=0.75), "a feasible point that is no extremal reaches 0.75"),
+        (replace(FOUR, better=0.75), "a feasible point that is no extremal reaches 0.75"),
     ],
 )
 def test_the_best_of_its_starts(starts: Starts, why: str) -> None:
@@ -119,7 +126,7 @@ def test_the_best_of_its_starts(starts: Starts, why: str) -> None:
 
 
 def test_what_is_proved_stands_on_what_was_judged() -> None:
-    every = of(found(Minimum.UNTESTED), Starts(tried=4), EXISTS, GLOBAL)
+    every = of(found(Minimum.UNTESTED), FOUR, EXISTS, GLOBAL)
     assert tops(every) == [Rung.EXTREMAL, Rung.BEST, Rung.EXISTS, Rung.GLOBAL]
     assert [step.figure for step in ladder_steps(every)[-2:]] == [1e-17, 0.02]
     assert tops(of(BROKEN, None, EXISTS, GLOBAL)) == [Rung.FEASIBLE, Rung.GLOBAL]

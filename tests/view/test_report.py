@@ -338,6 +338,9 @@ def test_a_report_says_from_how_many_starts_it_is_the_best(
         "best of 1 start; it ended in a local solution, on a coarse grid at 0.375 (1)",
         "no other extremal was certified",
     ]
+    none = revised(exact, starts=Starts(tried=3))
+    (row,) = (r for r in solution_rows(problem, none) if r.label == "starts")
+    assert row.texts[0] == "none of 3 ended in a local solution of the coarse grid"
     assert not any(row.label == "starts" for row in solution_rows(problem, exact))
     assert from_json(to_json(revised(exact, starts=several))).starts == several
 

@@ -160,8 +160,9 @@ def _counted(verdict: "Verdict", starts: "Starts | None", objective: float) -> I
         return
     lower = [each for each in starts.extremals if each.objective < objective]
     why = ""
-    if starts.tried < 2:
-        why = "one start: nothing to compare"
+    if starts.ended < 2:
+        count = "one start" if starts.ended else "no start"
+        why = f"{count} ended in a local solution: nothing to compare"
     elif lower:
         why = f"another extremal, {lower[0].word}, has {lower[0].objective:.12g}"
     elif starts.better is not None:

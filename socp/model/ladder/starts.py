@@ -29,3 +29,8 @@ class Starts:
     coarse: tuple[Met, ...] = ()
     extremals: tuple[Met, ...] = ()
     better: float | None = None
+
+    @property
+    def ended(self) -> int:
+        """How many of them ended in a local solution."""
+        return sum(each.starts for each in self.coarse)
