@@ -7,7 +7,16 @@ from math import inf
 from typing import Any, final
 
 from socp.errors import SolveError
-from socp.proof.bound.comparing import Beyond, Sides, both, nonnegative
+from socp.proof.bound.comparing import (
+    Beyond,
+    Sides,
+    Staying,
+    both,
+    boxed,
+    disc,
+    interval,
+    nonnegative,
+)
 from socp.proof.bound.reading import (
     Box,
     Ends,
@@ -15,8 +24,6 @@ from socp.proof.bound.reading import (
     Poly,
     around,
     by,
-    disc,
-    image,
     monomial,
     on_circle,
     plus,
@@ -24,7 +31,6 @@ from socp.proof.bound.reading import (
     put,
     ranged,
     require,
-    short,
     slope,
     squares,
 )
@@ -49,15 +55,6 @@ def checked(certificate: Mapping[str, Any]) -> Fraction:
         return Check(certificate).bound()
     except _BROKEN as error:
         raise SolveError(f"no certificate: {type(error).__name__}: {error}") from error
-
-
-def interval(given: Sequence[Any]) -> tuple[Fraction | None, Fraction | None]:
-    """Return fractions around an interval of a statement, None where it has no end."""
-    low, high = (float(each) for each in given)
-    return (
-        None if low == -inf else around(low)[0],
-        None if high == inf else around(high)[1],
-    )
 
 
 @final
@@ -118,7 +115,7 @@ class Check:
     def _clip(self, sides: Sides, outer: Box) -> None:
         """Take in which sides are clipped: those of the region before, where there is one."""
         for k, side in sides.items():
-            require(k != self.time and side in {0, 1}, "a clipped side")
+            require(0 <= k < self.time and side in {0, 1}, "a clipped side")
             its, wider = self.box[k], outer[k] if outer else self.box[k]
             require(its is not None and wider is not None and its[side] == wider[side], "one clip")
         require(not outer or dict(sides) == dict(self.beyond.sides), "the clips of before")
@@ -244,21 +241,12 @@ class Check:
     # -- regions
 
     def _ranges(self, given: Sequence[Any]) -> Box:
-        """Return a box of the variables, with the ranges of functions on it worked out anew."""
-        model = self.model
-        box: Box = [None] * model.count
-        for k in range(len(model.base)):
-            its = given[k]
-            box[k] = None if its is None else (Fraction(its[0]), Fraction(its[1]))
-            require(its is None or Fraction(its[0]) <= Fraction(its[1]), "a box")
-        for k, (name, of) in enumerate(model.functions):
-            box[len(model.base) + k] = short(image(name, ranged(of, box)))
-        return box
+        return boxed(self.model, given)
 
     def _inside(self) -> list[Poly]:
         """Return what is at least zero along every admissible trajectory."""
         path = [plus({}, each, -_ONE) for each in self.path if not self.beyond.depends(each)]
-        return [*path, *self.model.facts()]
+        return [*path, *self.model.facts(self.model.lasting)]
 
     def initial(self, k: int) -> Any:
         """Return the interval in which a variable starts."""
@@ -285,7 +273,9 @@ class Check:
                 continue  # what is beyond a clipped side may end otherwise
             found.append(plus({}, p, -_ONE))
             found += [p] if equal else []
-        return found
+        ended = [self.model.relation(k)[0] for k in self.statement["target"].values()]
+        last = self.model.made([self.final, *ended]) - self.model.lasting
+        return [*found, *self.model.facts(last)]
 
     def _ends(self) -> Box:
         """Return the box of admissible ends: of the region, end values and target conditions."""
@@ -322,47 +312,14 @@ class Check:
             require(times, "a region of all times")
             return
         low, high = interval(self.statement["bounds"].get(name, (-inf, inf)))
+        length = None if self.free else self._times()[1] - self._times()[0]
+        staying = Staying(self.model, self.vertices, self.statement, self.box, self.start)
         for side, limit, sign in ((0, low, -1), (1, high, 1)):
             bounded = limit is not None and (limit - box[side]) * sign <= 0
             clipped = self.beyond.sides.get(k) == side
             if not bounded and not clipped and (k, side) not in self.exits:
-                require(self._kept(k, side, sign), f"that {name} stays on side {side}")
-
-    def _kept(self, k: int, side: int, sign: int) -> bool:
-        """Tell whether a variable cannot leave through a side: where it is there, it does not move
-        outward; or there is too little time to get there.
-        """
-        face = [None if each is None else list(each) for each in self.box[: len(self.model.base)]]
-        box = self.box[k] or (_ZERO, _ZERO)
-        outward = self._outward(k, self._ranges([*face[:k], [box[side]] * 2, *face[k + 1 :]]), sign)
-        if (outward is not None and outward <= 0) or self._one_way(k, side, sign):
-            return True
-        fastest = self._outward(k, self.box, sign)
-        if self.free or fastest is None:
-            return False
-        length = self._times()[1] - self._times()[0]
-        start = self.start[k] or (_ZERO, _ZERO)
-        return (start[side] - box[side]) * sign + length * max(fastest, _ZERO) <= 0
-
-    def _one_way(self, k: int, side: int, sign: int) -> bool:
-        """Tell whether a variable, wherever the others are, only moves outward and has to end
-        inside.
-        """
-        model, box = self.model, self.box[k]
-        end = interval(self.statement["end"].get(model.base[k], (-inf, inf)))[side]
-        bounds = [interval(self.statement["bounds"].get(name, (-inf, inf))) for name in model.base]
-        everywhere = [None if None in its else list(its) for its in bounds]
-        back = self._outward(k, self._ranges(everywhere), -sign)
-        inside = box is not None and end is not None and (end - box[side]) * sign <= 0
-        return inside and back is not None and back <= 0
-
-    def _outward(self, k: int, box: Box, sign: int) -> Fraction | None:
-        """Return the most that a variable moves outward on a box, None where there is no most."""
-        fastest = []
-        for vertex in self.vertices:
-            its = ranged(put(self.model.rates[k], vertex), box)
-            fastest.append(None if its is None else its[1] if sign > 0 else -its[0])
-        return None if None in fastest else max(each for each in fastest if each is not None)
+                kept = staying.within(k, side, length)
+                require(kept, f"that {name} stays on side {side}")
 
     # -- data of the problem
 
@@ -385,8 +342,8 @@ class Check:
         constant = (0,) * model.count
         require(set(weight) <= {constant}, "a final time that enters linearly")
         rate = weight.get(constant, _ZERO)
-        first = interval(self.statement["initial_time"])[0]
-        require(first == 0, "a start at time zero")
+        first, last = interval(self.statement["initial_time"])
+        require(first == 0 and (last == 0 or rate >= 0), "a start at time zero")
         self.final = plus(self.final, model.variable(self.time), -rate)
         self.rate = (
             rate if nonnegative(self.statement["nodes"], self.statement["running"]) else _ZERO

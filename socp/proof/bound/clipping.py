@@ -7,11 +7,9 @@ from itertools import product
 from typing import Any
 
 from socp.errors import SolveError
-from socp.model import Problem
-from socp.proof.bound.certificate import certificate
 from socp.proof.bound.checking import Check
 from socp.proof.bound.comparing import Beyond
-from socp.proof.bound.lifting import Lift, Limits
+from socp.proof.bound.lifting import Limits
 
 _MOST = 4  # states with open sides: each is clipped below, above or not, which makes 81 cases
 
@@ -19,7 +17,7 @@ Pairs = list[tuple[int, int]]
 
 
 def clips(
-    problem: Problem, lift: Lift, box: Sequence[Limits], edges: Mapping[tuple[int, int], Fraction]
+    check: Check, box: Sequence[Limits], edges: Mapping[tuple[int, int], Fraction]
 ) -> tuple[Mapping[int, int], Pairs]:
     """Return as many sides (place, 0 below or 1 above) as can be clipped together where their
     edges are, one of a variable, and the pairs (j, k) of them where the rate of j depends on k.
@@ -29,8 +27,7 @@ def clips(
     places = sorted({k for k, _ in edges})
     if not places or len(places) > _MOST:
         return {}, []
-    check = Check(certificate(problem, lift, []))
-    start: Any = [check.initial(k) for k in range(lift.base)]
+    start: Any = [check.initial(k) for k in range(len(check.model.base))]
     cases = product(*([None, *(side for k, side in edges if k == place)] for place in places))
     for case in sorted(cases, key=lambda each: each.count(None)):
         sides = {k: side for k, side in zip(places, case, strict=True) if side is not None}

@@ -184,6 +184,7 @@ def ends_of(given: Setting, region: Region) -> Region:
     lift, box = given.lift, list(region.box[: given.lift.base])
     target = [each for each in lift.target if not lift.depends(each[0], region.clipped)]
     guards = [each for p, equal in target for each in ((-p, p) if equal else (-p,))]
+    guards += lift.facts(lift.last())
     for k in range(lift.base):
         its = given.given("end", k)
         if k == given.time:

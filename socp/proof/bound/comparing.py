@@ -1,16 +1,30 @@
-"""The check of what lies beyond clipped sides: that the motion depends on it one way, in fractions.
+"""The check of the sides of a region, in fractions: that nobody leaves through them, or that the
+motion depends on what lies beyond clipped ones one way.
 
 A region with clipped sides stands for every state beyond them too, where the function has the value
 that it has at the side.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from fractions import Fraction
 from itertools import combinations
-from math import inf
+from math import inf, isqrt
 from typing import Any, final
 
-from socp.proof.bound.reading import Box, Ends, Model, Poly, at, plus, put, ranged, require
+from socp.proof.bound.reading import (
+    Box,
+    Ends,
+    Model,
+    Poly,
+    around,
+    at,
+    image,
+    plus,
+    put,
+    ranged,
+    require,
+    short,
+)
 
 Sides = Mapping[int, int]  # variable -> 0 where what is below its side is clipped, 1 above
 _WHOLE = (Fraction(-1), Fraction(1))
@@ -94,7 +108,8 @@ class Beyond:
         for k, side in self.sides.items():
             require(found[k] is not None, "a clipped side")
             found[k] = (found[k][0], inf) if side else (-inf, found[k][1])
-        for name, of in model.functions:
+        for place in model.lasting:
+            name, of = model.functions[place - size]
             for k in self.sides if name == "inv" and len(of) == 1 else ():
                 (exponents,), its = of, start[k]
                 if exponents[k] and its is not None and its[0] > 0:
@@ -106,12 +121,119 @@ class Beyond:
         return found
 
 
+@final
+class Staying:
+    """The sides of a box that no admissible trajectory leaves through."""
+
+    def __init__(
+        self,
+        model: Model,
+        vertices: Sequence[Mapping[int, Poly]],
+        statement: Mapping[str, Any],
+        box: Box,
+        start: Box,
+    ) -> None:
+        self._model, self._vertices, self._statement = model, vertices, statement
+        self._box, self._start = box, start
+
+    def within(self, k: int, side: int, length: Fraction | None) -> bool:
+        """Tell whether a variable cannot leave through a side: where it is there, it does not move
+        outward; or there is too little time to get there, None where the horizon is free.
+        """
+        box, start, sign = self._box[k], self._start[k], 1 if side else -1
+        if box is None or start is None:
+            return False
+        if self._turned_back(k, box[side], sign) or self._one_way(k, side, sign):
+            return True
+        fastest = self._outward(k, self._box, sign)
+        if length is None or fastest is None:
+            return False
+        return (start[side] - box[side]) * sign + length * max(fastest, Fraction(0)) <= 0
+
+    def _turned_back(self, k: int, value: Fraction, sign: int) -> bool:
+        """Tell whether a variable does not move outward from a side, or is nowhere beyond it.
+
+        That it moves inward at no speed keeps it in where its rate is Lipschitz continuous there
+        (Nagumo): a root is where what it is of is positive.
+        """
+        model = self._model
+        face = boxed(model, [*self._box[:k], (value, value), *self._box[k + 1 :]])
+        if any(self._ends(of, k, value, sign) for of in self._roots(model.lasting)):
+            return True
+        outward = self._outward(k, face, sign)
+        if outward is None or outward > 0:
+            return False
+        least = [ranged(of, face) for of in self._roots(model.made([model.rates[k]]))]
+        return outward < 0 or all(each is not None and each[0] > 0 for each in least)
+
+    def _roots(self, places: Collection[int]) -> list[Poly]:
+        """Return what the roots among functions are of."""
+        functions, size = self._model.functions, len(self._model.base)
+        return [functions[k - size][1] for k in places if functions[k - size][0] == "sqrt"]
+
+    def _ends(self, of: Poly, k: int, value: Fraction, sign: int) -> bool:
+        """Tell whether what a root is of is a line in one variable that is negative beyond a
+        side.
+        """
+        slope, constant = (Fraction(0),) * 2
+        for e, c in of.items():
+            if any(e) and (e[k] != 1 or sum(e) != 1):
+                return False
+            slope, constant = (c, constant) if any(e) else (slope, c)
+        return slope * sign < 0 and constant + slope * value <= 0
+
+    def _one_way(self, k: int, side: int, sign: int) -> bool:
+        """Tell whether a variable, wherever the others are, only moves outward and has to end
+        inside.
+        """
+        names, box = self._model.base, self._box[k]
+        end = interval(self._statement["end"].get(names[k], (-inf, inf)))[side]
+        bounds = [interval(self._statement["bounds"].get(name, (-inf, inf))) for name in names]
+        everywhere: list[Any] = [None] * self._model.count
+        for i, (low, high) in enumerate(bounds):
+            everywhere[i] = -inf if low is None else low, inf if high is None else high
+        for i, (name, of) in enumerate(self._model.functions, start=len(names)):
+            everywhere[i] = _image(name, ranged(of, everywhere))
+        back = self._outward(k, everywhere, -sign)
+        inside = box is not None and end is not None and (end - box[side]) * sign <= 0
+        return inside and back is not None and back <= 0
+
+    def _outward(self, k: int, box: Box, sign: int) -> Fraction | None:
+        """Return the most that a variable moves outward on a box, None where there is no most."""
+        fastest = []
+        for vertex in self._vertices:
+            its = ranged(put(self._model.rates[k], vertex), box)
+            fastest.append(None if its is None else its[1] if sign > 0 else -its[0])
+        return None if None in fastest else max(each for each in fastest if each is not None)
+
+
+def boxed(model: Model, given: Sequence[Any]) -> Box:
+    """Return a box of the variables, with the ranges of functions on it worked out anew."""
+    box: Box = [None] * model.count
+    for k in range(len(model.base)):
+        its = given[k]
+        box[k] = None if its is None else (Fraction(its[0]), Fraction(its[1]))
+        require(its is None or Fraction(its[0]) <= Fraction(its[1]), "a box")
+    for k, (name, of) in enumerate(model.functions):
+        box[len(model.base) + k] = short(image(name, ranged(of, box)))
+    return box
+
+
+def interval(given: Sequence[Any]) -> tuple[Fraction | None, Fraction | None]:
+    """Return fractions around an interval of a statement, None where it has no end."""
+    low, high = (float(each) for each in given)
+    return (
+        None if low == -inf else around(low)[0],
+        None if high == inf else around(high)[1],
+    )
+
+
 def _image(function: str, of: Any) -> Any:
     """Return an interval around a function on an interval that may be without ends."""
     if function in {"sin", "cos", "tanh"}:
         return _WHOLE
-    if of is None:
-        return None
+    if of is None or function in {"fabs", "sqrt"}:
+        return None if function in {"exp", "inv"} else (Fraction(0), inf)
     low, high = of
     if function == "exp":
         return (
@@ -154,3 +276,24 @@ def both(a: Any, b: Any) -> Ends | None:
         return None
     require(low <= high, "that there are admissible ends")
     return low, high
+
+
+def root(value: Fraction) -> Fraction:
+    """Return a fraction that is at least the square root of another."""
+    fine = 10**12
+    return Fraction(isqrt(value.numerator * fine**2 // value.denominator) + 1, fine)
+
+
+def disc(guard: Poly, k: int) -> Fraction | None:
+    """Return the largest modulus of variable k where constant - squares is at least zero."""
+    constant = weight = Fraction(0)
+    for e, c in guard.items():
+        if not any(e):
+            constant = c
+            continue
+        even = all(n % 2 == 0 for n in e)
+        if not even or c > 0:
+            return None
+        if e[k] == 2 and sum(e) == 2:
+            weight = -c
+    return root(constant / weight) if weight and constant >= 0 else None

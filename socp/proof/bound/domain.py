@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from itertools import product
 from math import inf
 from typing import Any, final
@@ -10,8 +11,10 @@ from typing import Any, final
 from socp.errors import SolveError
 from socp.model import Problem
 from socp.proof.bound.ansatz import at_vertex
+from socp.proof.bound.certificate import certificate
+from socp.proof.bound.checking import Check
 from socp.proof.bound.clipping import Pairs, clips
-from socp.proof.bound.comparing import nonnegative
+from socp.proof.bound.comparing import Staying, boxed, nonnegative
 from socp.proof.bound.lifting import Lift, Limits, Polynomial, fraction, lifted, limits, span
 from socp.proof.bound.sets import Region, with_ranges
 
@@ -59,6 +62,21 @@ class Setting:
         last = limits(self.problem.statement["final_time"])[1]
         first = limits(self.problem.statement["initial_time"])[0]
         return (last or Fraction(0)) - (first or Fraction(0))
+
+    @cached_property
+    def check(self) -> Check:
+        """What the checker makes of the problem: which sides are kept, or clipped, it says."""
+        return Check(certificate(self.problem, self.lift, []))
+
+    def kept(self, box: Sequence[Limits], which: tuple[int, int], *, ever: bool = False) -> bool:
+        """Tell whether nothing crosses a side of a box of the base variables, of horizons of any
+        length where `ever`.
+        """
+        check, length = self.check, None if ever or self.free else self.length
+        start: Any = [check.initial(k) for k in range(self.lift.base)]
+        ends: Any = boxed(check.model, [None if None in each else each for each in box])
+        statement = self.problem.statement
+        return Staying(check.model, check.vertices, statement, ends, start).within(*which, length)
 
     def given(self, table: str, place: int) -> Limits:
         """Return the interval of a state in a table of the statement."""
@@ -181,20 +199,24 @@ def domain(
     exits: list[tuple[int, int]] = []
     for k, side in open_sides:
         _settle(setting, box, reach, (k, side), hull)
-    exits = [side for side in open_sides if not _kept(setting, box, side)]
+    exits = [side for side in open_sides if not setting.kept(box, side)]
     clipped: Mapping[int, int] = {}
     pairs: Pairs = []
     if exits and not setting.nothing_after:
         edges = {(k, side): _edge(setting, hull, k, side) for k, side in exits}
-        clipped, pairs = clips(setting.problem, lift, box, edges)
+        clipped, pairs = clips(setting.check, box, edges)
         for k, side in clipped.items():
             box[k] = _with(box[k], side, edges[k, side])
         exits = [
             (k, side)
             for k, side in exits
-            if clipped.get(k) != side and not _kept(setting, box, (k, side))
+            if clipped.get(k) != side and not setting.kept(box, (k, side))
         ]
-    guards = [-each for each in lift.path if not lift.depends(each, clipped)] + lift.facts()
+    for k in range(lift.base):
+        if None not in box[k] and _width(box[k]) <= 0:
+            raise SolveError(f"'{lift.names[k]}' has no room in the region")
+    guards = [-each for each in lift.path if not lift.depends(each, clipped)]
+    guards += lift.facts(lift.lasting())
     return Domain(Region(lift, with_ranges(lift, box), guards, clipped, pairs), exits)
 
 
@@ -239,7 +261,7 @@ def _settle(
     natural += [Fraction(0)] if side == 0 and hull[setting.names[k]][0] >= 0 else []
     for value in [*natural, here, *(_moved(here, side, Fraction(w) * width) for w in _OUT)]:
         trial = [*box[:k], _with(box[k], side, value), *box[k + 1 :]]
-        if _turned_back(setting, trial, which) or _one_way(setting, trial, which):
+        if setting.kept(trial, which, ever=True):
             box[k] = trial[k]
             return
     if reach[k][side] is not None and not setting.nothing_after:
@@ -248,38 +270,6 @@ def _settle(
 
 def _with(its: Limits, side: int, value: Fraction | None) -> Limits:
     return (value, its[1]) if side == 0 else (its[0], value)
-
-
-def _turned_back(setting: Setting, box: Sequence[Limits], which: tuple[int, int]) -> bool:
-    """Tell whether the motion does not lead outward at a side of a box."""
-    k, side = which
-    value = box[k][side]
-    face = setting.fastest(k, [*box[:k], (value, value), *box[k + 1 :]])[side]
-    return face is not None and face * (1 if side else -1) <= 0
-
-
-def _kept(setting: Setting, box: Sequence[Limits], which: tuple[int, int]) -> bool:
-    """Tell whether nothing crosses a side of a box: motion turns back there, or is too slow."""
-    k, side = which
-    value, sign = box[k][side], 1 if side else -1
-    if _turned_back(setting, box, which) or _one_way(setting, box, which):
-        return True
-    inside, start = setting.fastest(k, box)[side], setting.start().box[k][side]
-    if setting.free or inside is None or start is None or value is None:
-        return False
-    return (start - value) * sign + setting.length * max(inside * sign, Fraction(0)) <= 0
-
-
-def _one_way(setting: Setting, box: Sequence[Limits], which: tuple[int, int]) -> bool:
-    """Tell whether a variable, wherever the others are, only moves outward through a side, and has
-    to end inside.
-    """
-    k, side = which
-    end, sign = setting.given("end", k)[side], 1 if side else -1
-    back = setting.anywhere(k)[1 - side]
-    value = box[k][side]
-    inside = end is not None and value is not None and (end - value) * sign <= 0
-    return inside and back is not None and back * sign >= 0
 
 
 def _moved(value: Any, side: int, by: Fraction) -> Fraction:

@@ -106,12 +106,30 @@ class Lift:
         """Return the places of functions without a rate."""
         return {k for name, k, _ in self.functions if name in _ROUGH}
 
-    def facts(self) -> list[Polynomial]:
-        """Return what is at least zero of functions without a rate."""
+    def made(self, polynomials: Iterable[Polynomial]) -> set[int]:
+        """Return the places of functions that polynomials are made of."""
+        found, left = set[int](), list(polynomials)
+        while left:
+            degrees = left.pop().degrees()
+            new = {k for _, k, _ in self.functions if degrees[k] > 0} - found
+            found |= new
+            left += [of for _, k, of in self.functions if k in new]
+        return found
+
+    def lasting(self) -> set[int]:
+        """Return the places of functions that have a value all along a trajectory."""
+        return self.made([*self.rates[: self.base], self.running, *self.path])
+
+    def last(self) -> set[int]:
+        """Return the places of functions that have a value at ends alone."""
+        return self.made([self.final, *(each for each, _ in self.target)]) - self.lasting()
+
+    def facts(self, places: Container[int]) -> list[Polynomial]:
+        """Return what is at least zero of functions without a rate, at some places."""
         found = []
         for name, k, of in self.functions:
             own = self.ring.gen(k)
-            if name in _ROUGH:
+            if name in _ROUGH and k in places:
                 left = own**2 - (of**2 if name == "fabs" else of)
                 found += [*([own - of, own + of] if name == "fabs" else [own]), left, -left]
         return found

@@ -5,9 +5,9 @@ every inequality is expanded anew, and what a certificate says of itself is not 
 values of exp, tanh, sin and cos at fractions are python-flint's balls.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from fractions import Fraction
-from math import inf, isqrt
+from math import inf
 from typing import Any, final
 
 from socp.errors import SolveError
@@ -172,6 +172,8 @@ class Model:
         self._done: dict[int, Poly] = {}
         rates = [self.of(statement["dynamics"][name]) for name in statement["states"]]
         self.rates = self.field([*rates, self.number(Fraction(1))])
+        path = [self.relation(k)[0] for k in statement["path"].values()]
+        self.lasting = self.made([*rates, self.of(statement["running"]), *path])
 
     def field(self, base: Sequence[Poly]) -> list[Poly]:
         """Return the rates of all variables by those of the states and the time."""
@@ -199,10 +201,24 @@ class Model:
         its = [k for k, (name, _) in enumerate(self.functions) if name in _ROUGH]
         return [len(self.base) + k for k in its]
 
-    def facts(self) -> list[Poly]:
-        """Return what is at least zero of functions without a rate."""
+    def made(self, polynomials: Sequence[Poly]) -> set[int]:
+        """Return the functions that polynomials are made of: where these have values, all that the
+        functions are of is where those are defined.
+        """
+        found, left = set[int](), list(polynomials)
+        while left:
+            of = left.pop()
+            new = {k for e in of for k in range(len(self.base), self.size) if e[k]} - found
+            found |= new
+            left += [self.functions[k - len(self.base)][1] for k in new]
+        return found
+
+    def facts(self, places: Collection[int]) -> list[Poly]:
+        """Return what is at least zero of functions without a rate, at some places."""
         found = []
         for k in self.rough:
+            if k not in places:
+                continue
             name, of = self.functions[k - len(self.base)]
             own, square = self.variable(k), by(of, of) if name == "fabs" else of
             left = plus(by(own, own), square, Fraction(-1))
@@ -315,38 +331,13 @@ def polynomial(given: Sequence[Any], count: int) -> Poly:
     """Return a polynomial of a certificate: pairs of ((variable, power), ...) and a fraction."""
     found: Poly = {}
     for powers, value in given:
-        exponents = [0] * count
-        for k, n in powers:
-            require(0 <= k < count and n > 0, "a monomial")
-            exponents[k] = n
-        found = plus(found, {tuple(exponents): Fraction(value)})
+        found = plus(found, {monomial(powers, count): Fraction(value)})
     return found
 
 
 def within(p: Poly, count: int) -> bool:
     """Tell whether a polynomial is one of the first variables alone."""
     return all(not any(e[count:]) for e in p)
-
-
-def root(value: Fraction) -> Fraction:
-    """Return a fraction that is at least the square root of another."""
-    fine = 10**12
-    return Fraction(isqrt(value.numerator * fine**2 // value.denominator) + 1, fine)
-
-
-def disc(guard: Poly, k: int) -> Fraction | None:
-    """Return the largest modulus of variable k where constant - squares is at least zero."""
-    constant = weight = Fraction(0)
-    for e, c in guard.items():
-        if not any(e):
-            constant = c
-            continue
-        even = all(n % 2 == 0 for n in e)
-        if not even or c > 0:
-            return None
-        if e[k] == 2 and sum(e) == 2:
-            weight = -c
-    return root(constant / weight) if weight and constant >= 0 else None
 
 
 def short(its: Ends | None) -> Ends | None:
@@ -362,7 +353,7 @@ def monomial(given: Sequence[Any], count: int) -> tuple[int, ...]:
     """Return exponents of pairs (variable, power)."""
     exponents = [0] * count
     for k, n in given:
-        require(n > 0, "a monomial")
+        require(type(n) is int and n > 0 and 0 <= k < count, "a monomial")
         exponents[k] = n
     return tuple(exponents)
 
