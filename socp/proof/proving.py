@@ -23,6 +23,7 @@ BITS = 128  # of the balls: what enclosures lose over some hundred steps leaves 
 # when it is as near as this
 _NEAR = 1e-6
 _UP = 1.01  # times a radius before it is rounded to three digits
+_NOTHING = "no extremal is proved to exist"
 _SHOWN = 18  # digits of an enclosure that are told
 _DOWN = Context(prec=6, rounding=ROUND_FLOOR)  # what is told of a curvature is no more than it is
 # What a proof may meet: a condition that is not shown, or arithmetic without a result
@@ -81,7 +82,7 @@ class Existence:
     bits: int = BITS
     shown: tuple[str, ...] = ()
     numbers: Mapping[str, str] = field(default_factory=dict)
-    minimum: LeastCurvature = field(default_factory=LeastCurvature)
+    minimum: LeastCurvature = field(default_factory=lambda: LeastCurvature(reason=_NOTHING))
     seconds: float = 0.0
 
     @property

@@ -15,7 +15,9 @@ from test_bound import bounded, solved
 from socp import Problem, controls, states
 from socp.errors import SolveError
 from socp.proof import LowerBound, checked
+from socp.proof.bound.checking import FORMAT, Check
 from socp.proof.bound.closing import hull_of
+from socp.proof.bound.comparing import Beyond
 from socp.proof.bound.domain import domain, setting
 
 Data = dict[str, Any]
@@ -151,3 +153,23 @@ def test_no_climb_whatever_its_thrust_is_higher() -> None:
         for rate, span in ((3 * thrust[:, k] - 1, burn), (-1.0, waits[:, k])):
             height, speed = height + speed * span + rate * span**2 / 2, speed + rate * span
     assert np.max(height) <= -bound
+
+
+def order(problem: Problem) -> list[tuple[int, int]]:
+    """Return the order of height and speed above 0, with 1/h in a certificate."""
+    data = {"problem": problem.statement, "format": FORMAT, "stages": [], "bound": None}
+    check = Check({**data, "functions": [["inv", [[[[0, 1]], "1"]]]]})
+    box: Any = [*([(Fraction(0), Fraction(3))] * 3), None]
+    beyond = Beyond(check.model, {0: 0, 1: 0}, box, [check.initial(k) for k in range(4)])
+    return beyond.require_order(check.vertices, check.running, check.final)
+
+
+def test_a_function_that_is_nowhere_on_the_way_keeps_no_sign() -> None:
+    """Who falls through 0 is thrust up again by h^2, unless 1/h keeps him above."""
+    climbs = {h: w, w: 3 * u - 1 + h * h, m: -u}
+    problem = CLIMB.with_(dynamics=climbs, start={h: 1, w: 0, m: 1})
+    for each in (problem, problem.with_(minimise=-1 / h)):
+        with pytest.raises(SolveError, match=r"how the (rate of w|final cost) depends on h"):
+            order(each)
+    kept = problem.with_(dynamics={**climbs, w: 3 * u - 1 + h * h - 1 / h})
+    assert order(kept) == [(0, 1), (1, 0)]

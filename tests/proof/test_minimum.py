@@ -78,6 +78,7 @@ def test_where_the_curvature_is_zero_nothing_is_proved() -> None:
     problem = saddle(0.5, tilt=1.5)
     proof = prove(problem, held(problem, "u: + -", [1.2, 1.8]))
     assert not proof.holds
+    assert proof.minimum.text == "not proved: no extremal is proved to exist"
 
 
 def test_the_hessian_of_a_word_in_closed_form() -> None:
