@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from test_bound import bounded, solved
 
-from socp import Problem, controls, states
+from socp import Problem, controls, final_time, states
 from socp.errors import SolveError
 from socp.proof import LowerBound, checked
 from socp.proof.bound.checking import FORMAT, Check
@@ -173,3 +173,13 @@ def test_a_function_that_is_nowhere_on_the_way_keeps_no_sign() -> None:
             order(each)
     kept = problem.with_(dynamics={**climbs, w: 3 * u - 1 + h * h - 1 / h})
     assert order(kept) == [(0, 1), (1, 0)]
+
+
+def test_a_late_start_that_pays_is_refused() -> None:
+    """The final time is rewarded, and includes a wait before the start that no function sees."""
+    late = CLIMB.with_(minimise=-h - 0.1 * final_time, initial_time=(0, 5))
+    data = {"problem": late.statement, "format": FORMAT, "stages": [], "bound": None}
+    with pytest.raises(SolveError, match="a start at time zero"):
+        Check({**data, "functions": []})
+    paid = late.with_(minimise=-h + 0.1 * final_time)
+    assert Check({**data, "problem": paid.statement, "functions": []}).rate == Fraction(1, 10)
