@@ -48,11 +48,6 @@ def flow(problem: Problem, control: Expr) -> Flow:
     return Flow(problem, rate, casadi.sparsify(matrix))
 
 
-def total_derivative(problem: Problem, expression: Expr) -> Expr:
-    """Return d/dt of an expression of x, t, p along x' = f0 + G u, all controls as symbols."""
-    return Flow(problem, problem.rate, casadi.SX()).of_state(expression)
-
-
 def extended_costate(problem: Problem) -> Expr:
     """Return z = (lambda, 1) as a column (nx + 1, 1)."""
     return casadi.vertcat(problem.costate, 1)

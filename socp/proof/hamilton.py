@@ -20,6 +20,8 @@ from socp.errors import SolveError
 from socp.model import Expr, Mode, Modes, Problem, column, final_time, initial_time, time
 from socp.proof.exact import Numbers
 
+_ASIDE = 1e-6  # relative: far above rounding, and near enough for a slope to stay what it is
+
 DEEPEST = 6  # derivatives of what vanishes until an input appears: arcs of order 3
 
 
@@ -229,7 +231,8 @@ def determined(
     chosen: Callable[[int, bool], bool],
 ) -> dict[int, Expr]:
     """Return entries of z by place as what they have to be in the others where expressions vanish
-    that are affine in them: one of every expression that has such, the one that enters it most.
+    that are affine in them: one of every expression that has such, the one that enters it most. A
+    slope that vanishes with the rest, up to rounding, is none.
 
     `chosen` tells whether an entry may be, by its place, and by whether it stands alone.
     """
@@ -242,13 +245,23 @@ def determined(
         slopes = {i: casadi.simplify(casadi.jacobian(left, z[i])) for i in held}
         affine = [i for i in held if not casadi.depends_on(slopes[i], z[i])]
         affine = [i for i in affine if chosen(i, len(held) == 1)]
-        sizes = {i: float(np.abs(near(slopes[i])).min()) for i in affine}
+        sizes = {i: _size(z, slopes[i], near) for i in affine}
         if not sizes or not max(sizes.values()) > 0.0:
             continue
         most = max(sizes, key=lambda i: sizes[i])
         own = -casadi.substitute(left, z[most], 0) / slopes[most]
         put = {i: put_in(z, value, {most: own}) for i, value in put.items()} | {most: own}
     return put
+
+
+def _size(z: Expr, slope: Expr, near: Callable[[Expr], np.ndarray]) -> float:
+    """Return the least size of a slope; zero where it vanishes with the rest and is rounding: it is
+    a thousand times as large a little aside then.
+    """
+    turns = np.resize([1.0, -1.0], z.numel()) * np.linspace(1.0, 2.0, z.numel())
+    aside = casadi.substitute(slope, z, z * (1.0 + _ASIDE * turns))
+    size, other = np.abs(near(slope)), np.abs(near(aside))
+    return float(size.min()) if (size > 1e-3 * other).all() else 0.0
 
 
 def put_in(z: Expr, expression: Expr, put: Mapping[int, Expr]) -> Expr:

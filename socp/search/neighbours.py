@@ -53,13 +53,14 @@ def arc_insertions(
     now: Candidate, modes: Sequence[Modes], near: Container[Modes] | None = None
 ) -> Iterator[Candidate]:
     """Yield words with one arc more, at an end or between two, in whose mode one control differs
-    from a neighbour; with `near` only those beside an arc of one of these modes.
+    from a neighbour; with `near` only those at the ends and beside an arc of one of these
+    modes.
     """
     lengths = np.diff(now.edges)
     for k in range(len(now.arcs) + 1):
         before, after = (now.arcs[j] if 0 <= j < len(now.arcs) else None for j in (k - 1, k))
         beside = [each for each in (before, after) if each is not None]
-        if near is not None and not any(each in near for each in beside):
+        if near is not None and len(beside) > 1 and not any(each in near for each in beside):
             continue
         length, t = (
             _LENGTH * min(lengths[j] for j in (k - 1, k) if 0 <= j < len(now.arcs)),

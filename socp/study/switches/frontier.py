@@ -181,7 +181,7 @@ class _Trials:
 
     def insertions(self, now: Candidate, modes: Sequence[Modes]) -> Iterator[Candidate]:
         """Yield words with one arc more; where controls chatter only those next to their singular
-        arcs.
+        arcs, and at the ends, where the first sign is settled.
         """
         places = [k for k, c in enumerate(self.problem.control_names) if c in self.chattering]
         near = {each for each in now.arcs if any(each[k].kind == "singular" for k in places)}
