@@ -101,13 +101,15 @@ def test_a_search_chatters_where_its_best_word_is_nearly_an_extremal(
     assert Search(best=one.with_judgement(verdict=verdict)).chatters is told
 
 
-def test_arcs_are_put_next_to_some_alone() -> None:
+def test_arcs_are_put_at_the_ends_and_next_to_some_alone() -> None:
     low, up, singular = ((Mode.parse(each),) for each in "-+s")
     one = default_guess(Registry.load().problem("fuller"))
     now = Candidate((low, up, singular), (0.0, 1.0, 2.0, 3.0), one)
     every = {each.arcs for each in arc_insertions(now, [low, up, singular])}
     near = {each.arcs for each in arc_insertions(now, [low, up, singular], {singular})}
     assert near == {
+        (up, low, up, singular),
+        (singular, low, up, singular),
         (low, up, low, singular),
         (low, up, singular, low),
         (low, up, singular, up),
