@@ -12,12 +12,14 @@ from socp import (
     Word,
     controls,
     default_guess,
+    initial,
     judge,
     solve_collocated,
     states,
     uniform,
 )
 from socp.methods.guess import split
+from socp.methods.solving import Follower
 from socp.transcription import follow
 from socp.transcription.schemes import lgr
 
@@ -61,3 +63,33 @@ def held(problem: Problem, text: str, lengths: list[float]) -> Solution:
     guess = split(default_guess(problem), lengths)
     meshes = [uniform(lgr(10), 2)] * len(lengths)
     return judge(problem, solve_collocated(phased, meshes, Ipopt({"tol": 1e-11}), guess))
+
+
+def along(
+    problem: Problem, text: str, lengths: list[float], guess: Solution | None = None
+) -> Solution:
+    """Return a word solved from given lengths, judged."""
+    word = Word.parse(text, problem.control_names)
+    return judge(
+        problem, Follower()(problem, word, guess or split(default_guess(problem), lengths))
+    )
+
+
+def thrown() -> Problem:
+    """Minimise (c + 1)^2 + x^2/10 - 33/10 x + v^2/2 at the end with x' = v, v' = u from x = 0, the
+    initial speed c free.
+
+    Along `+ -` with its switch at s, v(3) = c + 2 s - 3, x(3) = 3 c + 6 s - s^2 - 9/2: stationary
+    at s = 2, c = 1 with v = 2, x = 13/2, and J_ss = 44/5, J_sc = 16/5, J_cc = 24/5.
+    """
+    x, v = states("x v")
+    u = controls("u")
+    return Problem(
+        name="thrown",
+        minimise=(initial(v) + 1) ** 2 + 0.1 * x**2 - 3.3 * x + 0.5 * v**2,
+        dynamics={x: v, v: u},
+        bounds={u: (-1, 1)},
+        start={x: 0},
+        final_time=HORIZON,
+        guess={v: 1},
+    )

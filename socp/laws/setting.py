@@ -301,8 +301,10 @@ def at_length(problem: Problem, costate: np.ndarray) -> np.ndarray:
     """Return costates (nx, n) multiplied so that the first ones have the length that laws give
     them; as they are where that is not left open.
     """
+    if not homogeneous(problem):
+        return costate
     row = length_fixed(problem)
-    if not homogeneous(problem) or casadi.jacobian(row, problem.costate).is_constant():
+    if casadi.jacobian(row, problem.costate).is_constant():
         return costate
     (square,) = numbers(casadi.Function("square", [problem.costate], [row + 1]), costate[:, 0])
     return costate / np.sqrt(square) if 0.0 < square < np.inf else costate

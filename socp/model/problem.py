@@ -29,7 +29,7 @@ from socp.model.symbols import (
 
 _TIMES = ("time", "t", "t0", "tf")  # names of the time and of its ends
 _BEFORE = "before"  # where the problem stands that one differs from in numbers alone
-_NUMBERS = {"bounds", "start", "end", "initial_time", "final_time"}  # what holds nothing else
+_NUMBERS = {*portable.NUMBERS, *portable.TIMES}  # what holds nothing else
 _BESIDE = {*TEXTS, "name", "units", "guess", "scene", "reference"}  # what defines no problem
 
 

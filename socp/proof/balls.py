@@ -135,6 +135,11 @@ def coefficients(series: Series, count: int) -> list[Ball]:
     return [module.arb(series)] + [module.arb(0)] * (count - 1)
 
 
+def balls_of(found: Sequence[Any]) -> list[Ball]:
+    """Return what compiled expressions come to as balls: None is zero."""
+    return [flint().arb(0 if each is None else each) for each in found]
+
+
 def finite(balls: Sequence[Ball]) -> bool:
     """Tell whether all balls are bounded."""
     return all(each.is_finite() for each in balls)

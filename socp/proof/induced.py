@@ -17,7 +17,7 @@ import casadi
 
 from socp.errors import SolveError
 from socp.model import Expr, column
-from socp.proof.balls import Ball, Compiled, Matrix, coefficients, compiled, flint
+from socp.proof.balls import Ball, Compiled, Matrix, balls_of, coefficients, compiled, flint
 from socp.proof.chain import Chain, Piece, looks
 from socp.proof.flow import SLOPES, Stage
 from socp.proof.krawczyk import Proved, Shot
@@ -135,7 +135,7 @@ class Way:
 def way(part: Part, stages: Sequence[Stage], corner: Sequence[Ball], alpha: list[Ball]) -> Way:
     """Return a piece's motion from its stages, z at its end and alpha there."""
     module, n = flint(), part.its.state.numel()
-    ends = _balls(part.ends.call([*corner, *alpha]))
+    ends = balls_of(part.ends.call([*corner, *alpha]))
     made: list[tuple[Matrix, Matrix]] = []
     for stage in reversed(stages):
         near = stage.near if part.order <= SLOPES else stage.motion.series(stage.start, part.order)
@@ -360,15 +360,11 @@ def _both(
     found = casadi.jacobian(rows, symbols[0]), casadi.hessian(weighted, symbols[0])[0]
     slopes, form = (
         flint().arb_mat(
-            *each.shape, _balls(compiled(casadi.vec(each.T), symbols[1], values).call(at))
+            *each.shape, balls_of(compiled(casadi.vec(each.T), symbols[1], values).call(at))
         )
         for each in found
     )
     return slopes, form
-
-
-def _balls(found: Sequence[Any]) -> list[Ball]:
-    return [flint().arb(0) if each is None else flint().arb(each) for each in found]
 
 
 def _form(matrix: Matrix, way: Matrix) -> Matrix:

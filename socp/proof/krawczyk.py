@@ -16,7 +16,7 @@ import casadi
 
 from socp.errors import SolveError
 from socp.model import Expr, column
-from socp.proof.balls import Ball, Compiled, Matrix, ball, compiled, finite, flint
+from socp.proof.balls import Ball, Compiled, Matrix, ball, balls_of, compiled, finite, flint
 from socp.proof.chain import Chain
 from socp.proof.flow import Motion, Stage, State, passage, shares
 from socp.proof.linear import identity
@@ -141,7 +141,7 @@ class Shot:
         left, rows, stages, states = [], [], [], list[State]()
         pieces = zip(self.motions, self.lengths(y), self._joints, steps, strict=True)
         for k, (motion, length, (held, slopes), its) in enumerate(pieces):
-            left += _numbers(held.call(state.point))
+            left += balls_of(held.call(state.point))
             rows += _rows(slopes.call(state.box), state.derivative)
             state, its_stages = passage(motion, state, length, its, rough=rough)
             state = state.lengthened(motion, first + len(self.chain.free) + k)
@@ -156,20 +156,16 @@ class Shot:
                 by[i, j], by[len(begin) + i, j] = end[i, j], by_begin[i, j]
         for k in range(len(nu)):
             by[2 * len(begin) + k, count - len(nu) + k] = 1
-        left += _numbers(self._ends[0].call(at))
+        left += balls_of(self._ends[0].call(at))
         rows += _rows(self._ends[1].call(given), by)
         slope = module.arb_mat(count, count, [each for row in rows for each in row])
         corners = begin, *(each.box for each in states)
         return Run(left, slope, tuple(stages), corners, tuple(states))
 
 
-def _numbers(found: Sequence[Any]) -> list[Ball]:
-    return [flint().arb(0) if each is None else flint().arb(each) for each in found]
-
-
 def _rows(slopes: Sequence[Any], by: Matrix) -> list[list[Ball]]:
     """Return derivatives by the unknowns of functions whose slopes by z are given row by row."""
-    values, n = _numbers(slopes), by.nrows()
+    values, n = balls_of(slopes), by.nrows()
     if not values:
         return []
     found = flint().arb_mat(len(values) // n, n, values) * by

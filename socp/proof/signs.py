@@ -15,7 +15,7 @@ import casadi
 
 from socp.errors import SolveError
 from socp.model import Expr, column
-from socp.proof.balls import Ball, Compiled, compiled, flint, positive
+from socp.proof.balls import Ball, Compiled, balls_of, compiled, flint, positive
 from socp.proof.chain import Chain, Piece, same
 from socp.proof.flow import Stage
 from socp.proof.hamilton import is_zero, slope_of_switching
@@ -105,7 +105,7 @@ class Signs:
             return Sign(what, piece.loop.multipliers[name])
         right, slope = piece.loop.pulls[name]
         function = compiled(slope, self.chain.system.z, self.shot.at(piece.signs))
-        (value,) = _balls(function.call(self.proved.run.stages[k][0].start))
+        (value,) = balls_of(function.call(self.proved.run.stages[k][0].start))
         if positive(value * value):
             return Sign(what, -right if positive(value) else right)
         return Sign(what, piece.loop.multipliers[name])
@@ -265,7 +265,7 @@ class _Ranges:
         """Return the enclosures in so many parts of a stage."""
         stage = self.stages[j]
         boxes = [stage.during] if count == 1 else stage.parts(count)
-        return [_balls(self._function.call(box)) for box in boxes]
+        return [balls_of(self._function.call(box)) for box in boxes]
 
     def positive(self, j: int, order: int, side: int) -> bool:
         """Tell whether side times a derivative is positive on a whole stage."""
@@ -290,7 +290,3 @@ class _Ranges:
     def told(self, j: int) -> str:
         """Return the enclosure of the quantity on a stage as text."""
         return str(self._rows(j, 1)[0][0].str(5))
-
-
-def _balls(found: Sequence[Ball]) -> list[Ball]:
-    return [flint().arb(0 if each is None else each) for each in found]

@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import final
 
 import numpy as np
@@ -22,7 +21,7 @@ from socp.solvers import default_backend
 from socp.study.clusters import Census, Outcome, residual
 from socp.study.starts import RECIPE, start
 from socp.study.store import Store
-from socp.study.workers import asked, results_of
+from socp.study.workers import asked, loaded, results_of
 from socp.transcription import Mesh, euler, single_phase, uniform
 from socp.verdict import judge
 
@@ -109,14 +108,9 @@ class Task:
     def __call__(self, number: int) -> Outcome | None:
         """Follow a start."""
         try:
-            return explore(_loaded(self.load), number, asked)
+            return explore(loaded(self.load), number, asked)
         except KeyboardInterrupt:
             return None
-
-
-@cache
-def _loaded(load: Callable[[], Problem]) -> Problem:
-    return load()
 
 
 @final

@@ -153,9 +153,8 @@ def _located(walk: Walk, inside: Trial, outside: Trial) -> Zero | None:
     def steps(each: Zero) -> int:
         return round(abs(each.trial.value - inside.value) / (EVENT * abs(walk.width)))
 
-    return min(
-        zeros, key=steps, default=None
-    )  # of some as near a length, which is the first of all
+    # of some as near a length, which is the first of all
+    return min(zeros, key=steps, default=None)
 
 
 def _zero(walk: Walk, clue: Clue, inside: Trial, outside: Trial) -> Trial | None:

@@ -19,9 +19,10 @@ from concurrent.futures import (
 )
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import cache
 from typing import Any, TypeVar
 
-from socp.model import Progress
+from socp.model import Problem, Progress
 from socp.process import end_with
 
 J = TypeVar("J")
@@ -186,3 +187,9 @@ def _follow_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
+
+
+@cache
+def loaded(load: Callable[[], Problem]) -> Problem:
+    """Return the problem that a worker's jobs are about, loaded once."""
+    return load()

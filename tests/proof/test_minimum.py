@@ -4,7 +4,7 @@ numeric second order says.
 
 import numpy as np
 import pytest
-from saddles import HORIZON, held, saddle
+from saddles import HORIZON, along, held, saddle, thrown
 from scipy.integrate import quad
 from scipy.optimize import brentq
 from test_prove import PROBLEMS, solved
@@ -12,16 +12,11 @@ from test_prove import PROBLEMS, solved
 from socp import (
     Problem,
     Solution,
-    Word,
     controls,
     default_guess,
-    initial,
-    judge,
     run,
     states,
 )
-from socp.methods.guess import split
-from socp.methods.solving import Follower
 from socp.model import Rung
 from socp.model.data.files import from_json, to_json
 from socp.proof import Existence, induced, prove
@@ -30,12 +25,6 @@ from socp.proof.minimum import definite
 from socp.registry import Registry
 from socp.verdict.minimum.order import second_order
 from socp.view.ladder import rung_texts
-
-
-def along(problem: Problem, text: str, lengths: list[float]) -> Solution:
-    """Return a word solved from given lengths, judged."""
-    word = Word.parse(text, problem.control_names)
-    return judge(problem, Follower()(problem, word, split(default_guess(problem), lengths)))
 
 
 def least(proof: Existence) -> float:
@@ -82,21 +71,8 @@ def test_where_the_curvature_is_zero_nothing_is_proved() -> None:
 
 
 def test_the_hessian_of_a_word_in_closed_form() -> None:
-    """A double integrator over T = 3 with the word `+ -`, the initial speed c free: J = (c + 1)^2 +
-    x^2/10 - 33/10 x + v^2/2 has J_ss = 44/5, J_sc = 16/5, J_cc = 24/5 at s = 2, c = 1. Lengths are
-    measured in T, c in the largest speed, 3.
-    """
-    x, v = states("x v")
-    u = controls("u")
-    problem = Problem(
-        name="thrown",
-        minimise=(initial(v) + 1) ** 2 + 0.1 * x**2 - 3.3 * x + 0.5 * v**2,
-        dynamics={x: v, v: u},
-        bounds={u: (-1, 1)},
-        start={x: 0},
-        final_time=HORIZON,
-        guess={v: 1},
-    )
+    """Lengths are measured in the horizon, the initial speed in the largest one, 3."""
+    problem = thrown()
     proof = prove(problem, along(problem, "u: + -", [2.0, 1.0]))
     units = np.array([HORIZON / np.sqrt(2), 3.0])
     wanted = np.array([[8.8, 3.2], [3.2, 4.8]]) * units[:, None] * units

@@ -223,14 +223,14 @@ def test_an_arc_without_length_is_dropped_or_its_switches_swapped() -> None:
     assert found == [["+ -", "- +"], ["+ -", "+ +", "- +"]]
 
 
+def wanting(control: str, mode: Mode, wants: Mode, t: float) -> Finding:
+    """Return the finding that a first stretch of a control has a sign which asks for another."""
+    place = Place(control=control, stretch=1, mode=mode)
+    return Finding(kind=Condition.SIGN, residual=1e-2, place=place, t=t, wants=wants)
+
+
 def test_a_switching_function_of_the_wrong_sign_asks_for_an_arc_there() -> None:
-    finding = Finding(
-        kind=Condition.SIGN,
-        residual=1e-2,
-        place=Place(control="u", stretch=1, mode=Mode("upper")),
-        t=6.0,
-        wants=Mode("lower"),
-    )
+    finding = wanting("u", Mode("upper"), Mode("lower"), 6.0)
     tried = made("+ -")
     found = [
         spelt(each)
@@ -267,13 +267,7 @@ def test_a_contact_where_arcs_join_opens_into_an_arc(top: float, found: list[lis
 
 def test_what_the_judge_wants_goes_before_contacts_that_may_open() -> None:
     tried = made("+ -", "- -")
-    finding = Finding(
-        kind=Condition.SIGN,
-        residual=1e-2,
-        place=Place(control="w", stretch=1, mode=Mode("lower")),
-        t=9.0,
-        wants=Mode("upper"),
-    )
+    finding = wanting("w", Mode("lower"), Mode("upper"), 9.0)
     touching = solved(tried, Verdict(miss=0.0, findings=(finding,)))
     rows = np.array([[0.0, 1.5, 3.0], [3.0, 2.0, 1.0]])
     arcs = tuple(

@@ -5,38 +5,22 @@ from math import cos, pi, sin
 import casadi
 import numpy as np
 import pytest
-from saddles import HORIZON, held, saddle, slope
+from saddles import HORIZON, along, held, saddle, slope, thrown
 from scipy.optimize import brentq
 
 from socp import (
     Problem,
     Solution,
-    Word,
     controls,
-    default_guess,
     final_time,
-    initial,
-    judge,
     states,
 )
-from socp.methods.guess import split
-from socp.methods.solving import Follower
 from socp.model.data.files import from_json, to_json
 from socp.model.ladder.second_order import Minimum, SecondOrder
 from socp.registry.standard import regulator
 from socp.verdict.minimum.induced import Pair, induced
 from socp.verdict.minimum.order import second_order, with_second_order
 from socp.view.outcomes import Outcome, outcome_of
-
-
-def along(
-    problem: Problem, text: str, lengths: list[float], guess: Solution | None = None
-) -> Solution:
-    """Return a word solved from given lengths, judged."""
-    word = Word.parse(text, problem.control_names)
-    return judge(
-        problem, Follower()(problem, word, guess or split(default_guess(problem), lengths))
-    )
 
 
 def ordered(problem: Problem, solution: Solution) -> SecondOrder:
@@ -296,24 +280,8 @@ def pair_of(problem: Problem, solution: Solution) -> Pair:
 
 
 def test_the_matrix_of_the_word_in_closed_form() -> None:
-    """A double integrator over T = 3 with the word `+ -`, the initial speed c free: v(3) = c + 2 s
-    - 3, x(3) = 3 c + 6 s - s^2 - 9/2.
-
-    J = (c + 1)^2 + x^2/10 - 33/10 x + v^2/2 is stationary at s = 2, c = 1 with v = 2, x = 13/2,
-    J_ss = 44/5, J_sc = 16/5, J_cc = 24/5. One direction moves both lengths against each other, one
-    the speed, each in its own unit.
-    """
-    x, v = states("x v")
-    u = controls("u")
-    problem = Problem(
-        name="thrown",
-        minimise=(initial(v) + 1) ** 2 + 0.1 * x**2 - 3.3 * x + 0.5 * v**2,
-        dynamics={x: v, v: u},
-        bounds={u: (-1, 1)},
-        start={x: 0},
-        final_time=HORIZON,
-        guess={v: 1},
-    )
+    """One direction moves both lengths against each other, one the speed, each in its own unit."""
+    problem = thrown()
     solution = along(problem, "u: + -", [2.0, 1.0])
     assert solution.junctions[0] == pytest.approx(2.0, abs=1e-9)
     found = pair_of(problem, solution)

@@ -7,6 +7,7 @@ import numpy as np
 
 from socp.errors import ProblemError
 from socp.model.data.constants import constant_value
+from socp.model.data.portable import TIMES
 from socp.model.symbols import Expr, free, is_symbol, symbols_of
 from socp.process import close, shown
 
@@ -14,7 +15,6 @@ Symbols = Mapping[str, Expr]  # by name
 
 SIDES = ("lower", "upper")
 _INTERVALS = ("bounds", "start", "end")  # tables of intervals, by symbol
-_TIMES = ("initial_time", "final_time")
 _NAMED = ("path", "target")  # tables by name
 _TOLD = 8  # names told where none is close
 
@@ -61,7 +61,7 @@ def numbers(written: Mapping[str, Any], constants: Symbols, symbols: Symbols) ->
     """Return the names of what takes numbers: constants, times, ends and bounds."""
     states = [str(state) for state in written["dynamics"]]
     ends = [f"{end}.{state}" for end in ("start", "end") for state in states]
-    return [*constants, *_TIMES, *ends, *(f"bounds.{n}.{side}" for n in symbols for side in SIDES)]
+    return [*constants, *TIMES, *ends, *(f"bounds.{n}.{side}" for n in symbols for side in SIDES)]
 
 
 def _near(name: str, known: list[str]) -> str:
@@ -78,7 +78,7 @@ def _near(name: str, known: list[str]) -> str:
 
 def _placed(head: str, value: Any, rest: str, new: Any, symbols: Symbols) -> Any:
     """Return an argument with one entry of its table changed, or one side of an interval."""
-    if head in _TIMES and rest in SIDES:
+    if head in TIMES and rest in SIDES:
         return _sided(value, rest, new)
     name, _, side = rest.rpartition(".")
     if head not in _INTERVALS or side not in SIDES:

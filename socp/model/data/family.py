@@ -10,6 +10,7 @@ from typing import Any, final
 import casadi
 
 from socp.model.data.constants import planted
+from socp.model.data.portable import NUMBERS, TIMES
 from socp.model.evaluation import cached, hand_on
 from socp.model.graph import fold
 from socp.model.problem import Problem
@@ -19,7 +20,7 @@ from socp.model.symbols import Expr, column, declared
 
 # what a constant may stand in as a parameter does, and what has numbers of its own in every problem
 _FORMULAE = ("dynamics", "minimise", "running", "target", "path", "singular", "boundary")
-_NUMBERS = ("start", "end", "initial_time", "final_time")
+_NUMBERS = (*NUMBERS, *TIMES)
 
 
 @final
@@ -84,7 +85,7 @@ class Family:
         """Whether a constant among the numbers stands in an end, a time or a bound as well."""
         formula, own = self.problem.formula, set(self.open)
         return formula is not None and any(
-            path[0] in {*_NUMBERS, "bounds"} and own & {s.name() for s in casadi.symvar(leaf)}
+            path[0] in _NUMBERS and own & {s.name() for s in casadi.symvar(leaf)}
             for path, leaf in formula.leaves.items()
         )
 
@@ -99,7 +100,7 @@ class Family:
         if self._placed:
             plain = self.problem.with_(dict(values))
             numbers = {name: getattr(plain, name) for name in _NUMBERS}
-            found = replace(self.base, **numbers, bounds={**plain.bounds, **held})
+            found = replace(self.base, **numbers | {"bounds": {**plain.bounds, **held}})
         else:
             found = self.base.with_({**others, "bounds": held} if held else others)
         known: dict[tuple[Any, ...], Problem] = cached(self, Family.at)

@@ -31,7 +31,7 @@ Place = tuple[str, ...]
 Symbols = Mapping[str, Sequence[Expr]]  # "states", "controls" and "parameters" of a problem
 
 NUMBERS = ("bounds", "start", "end")
-_TIMES = ("initial_time", "final_time")
+TIMES = ("initial_time", "final_time")
 _LAWS = ("singular", "boundary")
 
 
@@ -82,7 +82,7 @@ def revalued(known: Mapping[str, Any], problem: Mapping[str, Any]) -> Data:
 
 
 def _numbers(problem: Mapping[str, Any]) -> Data:
-    times = {t: list(map(stated.json_number, interval(problem[t]))) for t in _TIMES}
+    times = {t: list(map(stated.json_number, interval(problem[t]))) for t in TIMES}
     return {**{table: _intervals(problem[table]) for table in NUMBERS}, **times}
 
 
@@ -106,7 +106,7 @@ def arguments(data: Mapping[str, Any]) -> Data:
         found[table] = {
             symbols[name]: tuple(map(stated.number, value)) for name, value in data[table].items()
         }
-    for each in _TIMES:
+    for each in TIMES:
         found[each] = tuple(map(stated.number, data[each]))
     for table in ("dynamics", *_LAWS):
         found[table] = {symbols[name]: _placed(value, nodes) for name, value in data[table].items()}

@@ -204,7 +204,6 @@ class _Reader:
 
     def __init__(self, lift: Lift, statement: Mapping[str, Any]) -> None:
         self._lift, self._nodes, self._bounds = lift, statement["nodes"], statement["bounds"]
-        self._initial = {f"{name}(t0)": name for name in statement["states"]}
         self._known: dict[int, Polynomial] = {}
 
     def at(self, place: int) -> Polynomial:

@@ -4,7 +4,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import final
 
 from socp.errors import MethodError, SolveError
@@ -12,7 +11,7 @@ from socp.methods import Follower, kept_in_box, sound
 from socp.model import COMPARED, Problem, Solution, Stop, Watch, Word
 from socp.search import Candidate, along_words
 from socp.solvers import Backend
-from socp.study.workers import asked, results_of
+from socp.study.workers import asked, loaded, results_of
 from socp.verdict import certified
 
 Hands = tuple[Executor, Callable[[], Problem]]
@@ -62,12 +61,7 @@ class WordTask:
 
     def __call__(self, job: tuple[int, Candidate]) -> tuple[Solution | None]:
         """Solve a word."""
-        return (solved_word(_loaded(self.load), job[1], self.dwell, along_words(), asked),)
-
-
-@cache
-def _loaded(load: Callable[[], Problem]) -> Problem:
-    return load()
+        return (solved_word(loaded(self.load), job[1], self.dwell, along_words(), asked),)
 
 
 def solved_words(

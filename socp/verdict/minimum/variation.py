@@ -58,7 +58,8 @@ def reference(known: Induced, k: int, nodes: np.ndarray) -> Reference:
         now = ways[-1][-1][:-2]
     at = _joined([way[-1][:-2] for way in ways[:-1]])
     count, costates = z.shape[1] - 1, []
-    held = np.vstack([_multipliers(known, k), np.ones(count), np.zeros(count)])
+    ended = known.held[shooting.blocks[k].equations].T
+    held = np.vstack([ended, np.ones(count), np.zeros(count)])
     for way, gap in zip(ways[:0:-1], gaps[:0:-1], strict=True):
         for y in reversed(way[:-1]):
             (held,) = numbers(motion.adjoint, y, gap[None, :] / steps, p, held)
@@ -79,23 +80,8 @@ def _corners(known: Induced, k: int) -> tuple[np.ndarray, np.ndarray]:
     there.
     """
     shooting = known.conditions.shooting
-    lengths = known.at[1 : 1 + len(shooting.pairs)]
-    arc = shooting.pairs[k][1]
-    shares = (arc.t[arc.mesh] - arc.t[0]) / (arc.t[-1] - arc.t[0])
-    begin = known.at[0] + lengths[:k].sum()
-    return begin + lengths[k] * shares, shooting.split(known.at)[2][k]
-
-
-def _multipliers(known: Induced, k: int) -> np.ndarray:
-    """Return the multipliers (nz, m) of the ends of a phase's intervals."""
-    shooting, row = known.conditions.shooting, 0
-    nx = shooting.phased.of.x.numel()
-    for index, (phase, arc) in enumerate(shooting.pairs):
-        rows, count = nx + phase.carried.numel(), arc.mesh.size - 1
-        if index == k:
-            return known.held[row : row + rows * count].reshape(count, rows).T
-        row += rows * count + (nx if index else 0) + shooting.counts[index]
-    raise IndexError(k)
+    corners, _, z = shooting.split(known.at)
+    return corners[k] + known.at[1 + k] * shooting.blocks[k].shares, z[k]
 
 
 NAMES = ("A", "Q", "B", "B1", "M", "R", "N", "NB")
