@@ -65,12 +65,12 @@ from .ladder.starts import Starts as Starts
 from .parts import Constraint as Constraint
 from .parts import Reference as Reference
 from .parts import Scene as Scene
-from .polynomials import barycentric as barycentric
 from .polynomials import coincident as coincident
 from .polynomials import differentiation as differentiation
 from .polynomials import lagrange as lagrange
 from .polynomials import legendre as legendre
 from .polynomials import legendre_coefficients as legendre_coefficients
+from .polynomials import piecewise as piecewise
 from .problem import Problem as Problem
 from .progress import Progress as Progress
 from .progress import Watch as Watch

@@ -3,42 +3,40 @@ feedback.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
-from itertools import chain, pairwise
+from itertools import groupby
 from typing import TYPE_CHECKING, Any, final
 
-import casadi
 import numpy as np
 
-from socp import laws
 from socp.model import (
     EXTREMAL,
-    ROUNDED,
-    SAME_TIME,
     Arc,
-    Modes,
     Problem,
     Solution,
-    barycentric,
-    coincident,
     evaluate,
     fast,
     lagrange,
     magnitude,
-    numbers,
-    of_motion,
-    once,
     parameters_of,
     running_function,
     scales,
-    time,
 )
 from socp.process import in_time
-from socp.transcription import knot_times
 from socp.verdict.simulation.domains import domain_ended
-from socp.verdict.simulation.steps import Flow, Plan, Steps
+from socp.verdict.simulation.pieces import (
+    Control,
+    Piece,
+    closed_flow,
+    controls_of,
+    cut_at_knots,
+    open_flow,
+    planned,
+)
+from socp.verdict.simulation.steps import Flow, Steps
+from socp.verdict.simulation.strides import Course, Strides, strides
 
 if TYPE_CHECKING:
     from scipy.integrate import OdeSolver
@@ -57,99 +55,8 @@ _DIVERGED = 1e6  # times the problem's own magnitude: the state has left for goo
 # A piece this short against the horizon is tried in one step: no time goes into choosing the first
 _SHORT = 1e-2
 
-Control = Callable[[float, np.ndarray], np.ndarray]  # (t, x (nx,)) -> u (nu,)
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """A stretch of time on which the control is smooth: a `plan` over times, the law of an arc of
-    `modes`, or any function of time and state; `constant` (nu,) is the control where it does not
-    vary.
-    """
-
-    start: float
-    end: float
-    plan: Plan | None = None
-    modes: Modes | None = None
-    control: Control | None = None
-    constant: np.ndarray | None = None
-
-    def controls(self, problem: Problem, t: np.ndarray, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Return the controls (nu, k) at times (k,) and states (nx, k) under parameters p (np,)."""
-        if self.plan is not None:
-            return self.plan(t)
-        if self.modes is not None:
-            return numbers(laws.feedback_function(problem, self.modes), x, t, p)[0]
-        assert self.control is not None  # noqa: S101 - one of the three is there
-        u = [self.control(at, here) for at, here in zip(t.tolist(), x.T, strict=True)]
-        return np.array(u).T
-
-
-def pieces_in_time(arc: Arc) -> list[Piece]:
-    """Return the pieces of an arc's control as a function of time, one an interval of its mesh."""
-    found: list[Piece] = []
-    for k in range(len(arc.mesh) - 1):
-        nodes = arc.nodes(k, "u")
-        start, end = float(arc.t[arc.mesh[k]]), float(arc.t[arc.mesh[k + 1]])
-        values, times = arc.u[:, nodes], arc.t[nodes]
-        if (values == values[:, :1]).all():
-            constant = values[:, 0]
-            last = found[-1].constant if found else None
-            if last is not None and (last == constant).all():
-                start = (
-                    found.pop().start
-                )  # one integration over neighbours with one and the same control
-            found.append(Piece(start, end, _hold(constant), constant=constant))
-        else:
-            found.append(Piece(start, end, _polynomial(times, values)))
-    return found
-
-
-def piece_of_law(problem: Problem, arc: Arc) -> Piece:
-    """Return an arc's control as a feedback; raises MethodError where there is none."""
-    laws.feedback_function(problem, arc.modes)
-    return Piece(float(arc.t[0]), float(arc.t[-1]), modes=arc.modes)
-
-
-def _hold(constant: np.ndarray) -> Plan:
-    return lambda t: np.repeat(constant[:, None], t.size, axis=1)
-
-
-def _polynomial(times: np.ndarray, values: np.ndarray) -> Plan:
-    if times.size == 1 or coincident(times):
-        return partial(lagrange, times, values)
-    weights, near = barycentric(times), ROUNDED * np.ptp(times)
-
-    def plan(t: np.ndarray) -> np.ndarray:
-        distance = t[:, None] - times
-        hit = np.abs(distance) <= near
-        distance[hit] = 1.0
-        terms = weights / distance
-        found: np.ndarray = (values @ terms.T) / terms.sum(axis=1)
-        where, node = np.nonzero(hit)
-        found[:, where] = values[:, node]
-        return found
-
-    return plan
-
-
-@of_motion
-@once
-def _open_flow(problem: Problem) -> casadi.Function:
-    """Return the rates of the states and the running cost as a function of x, u, t, p."""
-    rates = casadi.densify(casadi.vertcat(problem.rate, problem.lagrangian))
-    return casadi.Function("flow", [problem.x, problem.u, time, problem.p], [rates])
-
-
-@of_motion
-@once
-def _closed_flow(problem: Problem, modes: Modes) -> casadi.Function:
-    """Return the same under the feedback of an arc as a function of x, u (0,), t, p."""
-    nothing, given = casadi.SX.sym("u", 0), [problem.x, time, problem.p]
-    u = laws.feedback_function(problem, modes)(*given)
-    rates = _open_flow(problem)(problem.x, u, time, problem.p)
-    return casadi.Function("flow", [problem.x, nothing, time, problem.p], [rates])
+Leg = tuple[Arc, Piece]
+Size = tuple[np.ndarray, float]  # magnitudes of what moves (n,), and the horizon
 
 
 @final
@@ -220,17 +127,92 @@ def travel(
         return y, "the solution itself is not finite"
     horizon = solution.final_time - solution.initial_time
     scale = np.append(scales(problem, solution), running_size(problem, solution))
-    for arc, stretches in zip(solution.arcs, pieces, strict=True):
-        log.compare(y[:-1, None], arc.x[:, :1])
-        for piece in chain.from_iterable(_cut_at_knots(problem, each) for each in stretches):
-            looks = _Looks(log, arc, [np.array([piece.start])], [y[:-1, None]])
-            y, error = _integrate(piece, _flow(problem, piece, p), y, (scale, horizon), looks)
-            log.t.append(t := np.concatenate(looks.t))
-            log.x.append(x := np.hstack(looks.x))
-            log.u.append(piece.controls(problem, t, x, p))
-            if error:
-                return y, error + domain_ended(problem, y[:-1], t[-1], p, scale[:-1])
+    legs = [
+        (arc, piece)
+        for arc, stretches in zip(solution.arcs, pieces, strict=True)
+        for whole in stretches
+        for piece in cut_at_knots(problem, whole)
+    ]
+    size = scale, horizon
+    found, left, begun = _in_rows(problem, legs, (y, p), size), legs, None
+    if found.ends.size:
+        _noted(problem, legs, found, (p, horizon), log)
+        y, left, begun = found.after[-1], _left(legs, found), legs[found.on[-1]][0]
+    for arc, piece in left:
+        if arc is not begun:
+            log.compare(y[:-1, None], arc.x[:, :1])
+            begun = arc
+        looks = _Looks(log, arc, [np.array([piece.start])], [y[:-1, None]])
+        y, error = _integrate(piece, _flow(problem, piece, p), y, size, looks)
+        log.t.append(t := np.concatenate(looks.t))
+        log.x.append(x := np.hstack(looks.x))
+        log.u.append(piece.controls(problem, t, x, p))
+        if error:
+            return y, error + domain_ended(problem, y[:-1], t[-1], p, scale[:-1])
     return y, ""
+
+
+def _in_rows(
+    problem: Problem, legs: Sequence[Leg], now: tuple[np.ndarray, np.ndarray], size: Size
+) -> Strides:
+    """Take steps in rows from y under parameters p for as long as that leads on, those of all plans
+    in one and those of a law; none where casadi does not know a control.
+    """
+    (y, p), (scale, _) = now, size
+    pieces = [piece for _, piece in legs]
+    known = all(each.control is None and each.end > each.start for each in pieces)
+    most = np.append(_DIVERGED * scale[:-1], math.inf)
+    latest = np.array([_latest(each) for each in pieces])
+    done = [Strides.none(y.size)]
+    for modes, group in groupby(range(len(legs)), key=lambda k: pieces[k].modes) if known else ():
+        own = list(group)
+        flow = open_flow(problem) if modes is None else closed_flow(problem, modes)
+        course = Course(flow, planned(pieces), p, latest, RTOL, RTOL * scale)
+        done.append(found := strides(course, np.hstack([_laid(legs[k], k) for k in own]), y, most))
+        if not found.ends.size or found.ends[-1] < pieces[own[-1]].end:
+            break
+        y = found.after[-1]
+    return Strides.joined(done)
+
+
+def _laid(leg: Leg, k: int) -> np.ndarray:
+    """Return steps as `strides` has them: one over a plan, one an interval of the mesh by a law."""
+    arc, piece = leg
+    inside = arc.t[arc.mesh] if piece.modes is not None else arc.t[:0]
+    inside = inside[(inside > piece.start) & (inside < piece.end)]
+    corners = np.concatenate([[piece.start], inside, [piece.end]])
+    return np.array([corners[:-1], corners[1:], np.full(corners.size - 1, float(k))])
+
+
+def _left(legs: Sequence[Leg], found: Strides) -> list[Leg]:
+    """Return what of the pieces was not gone over."""
+    last, end = int(found.on[-1]), float(found.ends[-1])
+    arc, piece = legs[last]
+    rest = [(arc, replace(piece, start=end))] if end < piece.end else []
+    return [*rest, *legs[last + 1 :]]
+
+
+def _noted(
+    problem: Problem, legs: Sequence[Leg], found: Strides, given: tuple[np.ndarray, float], log: Log
+) -> None:
+    """Look at points of steps, compare the nodes within them, and enter all into a log."""
+    (p, horizon), pieces = given, [piece for _, piece in legs]
+    log.steps += max(found.ends.size - _FEW * len(legs), 0)
+    short = np.array([each.end - each.start < _SHORT * horizon for each in pieces])
+    t, step = found.looks(np.where(short, _GLANCES, _LOOKS))
+    on = found.on[step]
+    arcs = list(dict.fromkeys(arc for arc, _ in legs[: on[-1] + 1]))
+    nodes, claimed = np.concatenate([arc.t for arc in arcs]), np.hstack([arc.x for arc in arcs])
+    nodes = nodes[: np.count_nonzero(nodes <= found.ends[-1])]
+    at = np.append(step, np.minimum(found.ends.searchsorted(nodes), found.ends.size - 1))
+    x = found.at(np.append(t, nodes), at)[:-1]
+    log.compare(x[:, t.size :], claimed[:, : nodes.size])
+    x = x[:, : t.size]
+    u = controls_of(problem, pieces, (t, x, p), on)
+    parts = np.flatnonzero(np.diff(on)) + 1
+    log.t += np.split(t, parts)
+    log.x += np.split(x, parts, axis=1)
+    log.u += np.split(u, parts, axis=1)
 
 
 def running_size(problem: Problem, solution: Solution) -> float:
@@ -255,33 +237,28 @@ def running_size(problem: Problem, solution: Solution) -> float:
     return found if 0.0 < found < np.inf else 1.0
 
 
-def _cut_at_knots(problem: Problem, piece: Piece) -> Iterator[Piece]:
-    """Yield a piece cut where the problem's functions may jump: a step across that would not see
-    it.
-    """
-    apart = SAME_TIME * (piece.end - piece.start)
-    inside = [t for t in knot_times(problem) if piece.start + apart < t < piece.end - apart]
-    for start, end in pairwise([piece.start, *inside, piece.end]):
-        yield replace(piece, start=start, end=end)
-
-
 def _flow(problem: Problem, piece: Piece, p: np.ndarray) -> Flow | Control:
     """Return what moves states and running cost on a piece: a flow with its controls and
     parameters, or, where casadi does not know the control, rates (n,) at a time and a state.
     """
     if piece.modes is not None:
-        return _closed_flow(problem, piece.modes), _nothing, p
+        return closed_flow(problem, piece.modes), _nothing, p
     if piece.plan is not None:
-        return _open_flow(problem), piece.plan, p
-    flow, control = fast(_open_flow(problem)), piece.control
+        return open_flow(problem), partial(lagrange, *piece.plan), p
+    flow, control = fast(open_flow(problem)), piece.control
     assert control is not None  # noqa: S101 - one of the three is there
-    last = math.nextafter(piece.end, piece.start)
+    last = _latest(piece)
 
     def rate(t: float, y: np.ndarray) -> np.ndarray:
         t = min(t, last)
         return flow(y[:-1], control(t, y[:-1]), t, p)
 
     return rate
+
+
+def _latest(piece: Piece) -> float:
+    """Return the last time of a piece: at its end rates are those before what jumps there."""
+    return math.nextafter(piece.end, piece.start)
 
 
 def _nothing(t: np.ndarray) -> np.ndarray:
@@ -311,8 +288,7 @@ def _integrate(
     if length <= 0:
         return y, ""
     first, count = (length, _GLANCES) if length < _SHORT * horizon else (None, _LOOKS)
-    # at the end of the piece rates are those before what jumps there
-    span = piece.start, piece.end, math.nextafter(piece.end, piece.start)
+    span = piece.start, piece.end, _latest(piece)
     tolerance: dict[str, Any] = {"rtol": RTOL, "atol": RTOL * scale}
     solver: Steps | OdeSolver
     if callable(flow):

@@ -29,7 +29,8 @@ from socp.model import (
     running_function,
     sizes,
 )
-from socp.verdict.motion import Log, Piece, piece_of_law, pieces_in_time, travel
+from socp.verdict.motion import Log, travel
+from socp.verdict.simulation.pieces import Piece, piece_of_law, pieces_in_time
 from socp.verdict.structure import constraints_function
 
 # Solutions of a problem whose motions are kept: a search goes to and fro between two at most

@@ -26,8 +26,9 @@ from socp.model import (
     parameters_of,
 )
 from socp.verdict.certify import with_statement
-from socp.verdict.motion import Control, Log, Piece, pieces_in_time, travel
+from socp.verdict.motion import Log, travel
 from socp.verdict.reintegration import measured
+from socp.verdict.simulation.pieces import Control, Piece, pieces_in_time
 
 Feedback = Callable[[float, np.ndarray], Any]
 

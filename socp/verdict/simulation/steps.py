@@ -9,12 +9,12 @@ takes ten times as long as a step here.
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import final
+from typing import Any, final
 
 import casadi
 import numpy as np
 
-from socp.model import fast, numbers, once
+from socp.model import TINY, fast, numbers, once
 from socp.transcription import DOP853_ERRORS, DOP853_THROUGH, DOP853_TIMES, stage_weights
 
 Plan = Callable[[np.ndarray], np.ndarray]  # times (k,) -> controls (nu, k)
@@ -23,7 +23,7 @@ Flow = tuple[casadi.Function, Plan, np.ndarray]
 
 _END = 12  # the stage at the end of the step: twelve before it, and three for what is in between
 _EXPONENT = -1.0 / 8.0  # of the error, which is of order 7
-_SAFETY, _LEAST, _MOST = 0.9, 0.2, 10.0  # how a step follows from the last one, as factors
+_SAFETY, LEAST, _MOST = 0.9, 0.2, 10.0  # how a step follows from the last one, as factors
 # Of a motion's size: what the last term of what is in between may be. Along smooth motion it is
 # 1e-8; a long step along a motion that is stable to rounding has small errors at its end alone
 _BETWEEN = 1e-7
@@ -33,12 +33,15 @@ _PEAK = (4 / 7) ** 4 * (3 / 7) ** 3  # of x^4 (1 - x)^3, the last of the basis
 @once
 def one_step(flow: casadi.Function) -> casadi.Function:
     """Return a step along rates (x, u, t, p) -> (n,), the last of which no rate depends on: from y
-    (n,), controls (nu, 16) and times (1, 16) of the stages, h and p to y after it, two errors
-    (n, 2), the lower order last, and the coefficients (n, 7) of what is in between.
+    (n,), controls (nu, 16) and times (1, 16) of the stages, h, p, and what may be missed, relative
+    and absolute (n,), to y after it, its error (2,) and the coefficients (n, 7) of what is in
+    between. The error is over what is allowed, by what the step misses and, where that is more than
+    one, by what is left out in between.
     """
     symbol = casadi.SX.sym
     y, h, p = symbol("y", flow.size1_out(0)), symbol("h"), symbol("p", flow.size1_in(3))
     u, t = symbol("u", flow.size1_in(1), DOP853_TIMES.size), symbol("t", 1, DOP853_TIMES.size)
+    rtol, atol = symbol("rtol"), symbol("atol", y.numel())
     slopes, after = casadi.SX(y.numel(), 0), y
     for s, row in enumerate(stage_weights()):
         at = y + h * casadi.mtimes(slopes, row) if s else y
@@ -48,8 +51,13 @@ def one_step(flow: casadi.Function) -> casadi.Function:
     moved, first, last = after - y, h * slopes[:, 0], h * slopes[:, _END]
     more = h * casadi.mtimes(slopes, casadi.DM(DOP853_THROUGH))
     between = casadi.horzcat(moved, first - moved, 2 * moved - last - first, more)
-    found = [casadi.densify(each) for each in (after, errors, between)]
-    return casadi.Function("step", [y, u, t, h, p], found)
+    scale = atol + casadi.fmax(casadi.fabs(y), casadi.fabs(after)) * rtol
+    fifth, third = casadi.vertsplit(casadi.sum1((errors / casadi.repmat(scale, 1, 2)) ** 2).T)
+    both = (fifth + 0.01 * third) * y.numel()
+    missed = fifth / casadi.sqrt(casadi.fmax(both, TINY))
+    left = _PEAK * rtol / _BETWEEN * casadi.mmax(casadi.fabs(more[:, -1]) / scale)
+    found = [casadi.densify(each) for each in (after, casadi.vertcat(missed, left), between)]
+    return casadi.Function("step", [y, u, t, h, p, rtol, atol], found)
 
 
 @final
@@ -117,17 +125,14 @@ class Steps:
             t = min(self.t + length, self._end)
             length = t - self.t
             at = np.minimum(self.t + DOP853_TIMES * length, self._latest)
-            given = self.y, self._plan(at), at, length, self._p
+            given = self.y, self._plan(at), at, length, self._p, self._rtol, self._atol
             after, errors, between = numbers(self._one, *given)
-            scale = self._atol + np.maximum(np.abs(self.y), np.abs(after[:, 0])) * self._rtol
-            error = _error(errors / scale[:, None])
-            inside = _PEAK * self._rtol / _BETWEEN * (np.abs(between[:, -1]) / scale).max()
-            error = max(error, float(inside)) if inside > 1 else error
+            error = float(worst(errors)[0])
             if error < 1:
                 most = 1.0 if rejected else _MOST
-                factor = min(most, _SAFETY * error**_EXPONENT) if error else most
+                factor = min(most, shorter(error)) if error else most
                 break
-            length *= max(_LEAST, _SAFETY * error**_EXPONENT)
+            length *= max(LEAST, shorter(error))
             rejected = True
         self.t_old, self.t, self._length = self.t, t, length * factor
         self._before, self.y, self._between = self.y, after[:, 0], between
@@ -138,11 +143,11 @@ class Steps:
     def between(self, t: np.ndarray) -> np.ndarray:
         """Return y (n, k) at times (k,) of the last step."""
         x = (t - self.t_old) / (self.t - self.t_old)
-        found: np.ndarray = self._before[:, None] + self._between @ _basis(x)
+        found: np.ndarray = self._before[:, None] + self._between @ basis(x)
         return found
 
 
-def _basis(x: np.ndarray) -> np.ndarray:
+def basis(x: np.ndarray) -> np.ndarray:
     """Return x, x (1 - x), x^2 (1 - x), ... (7, k) at shares (k,) of a step."""
     factors = np.empty((7, x.size))
     factors[::2], factors[1::2] = x, 1.0 - x
@@ -153,8 +158,12 @@ def _norm(values: np.ndarray) -> float:
     return float(np.sqrt(values @ values / values.size))
 
 
-def _error(errors: np.ndarray) -> float:
-    """Return the error of a step from its two estimates (n, 2) over what is allowed."""
-    fifth, third = np.einsum("ni,ni->i", errors, errors).tolist()
-    both = (fifth + 0.01 * third) * len(errors)
-    return fifth / math.sqrt(both) if both else 0.0
+def worst(errors: np.ndarray) -> np.ndarray:
+    """Return the larger (k,) of errors (2, k) as steps have them, nan where the first one is."""
+    missed, left = errors
+    return np.array(np.where(left > 1, np.maximum(missed, left), missed))
+
+
+def shorter(error: Any) -> Any:
+    """Return by which factor a step with such an error is to be longer, or shorter."""
+    return _SAFETY * error**_EXPONENT
