@@ -79,6 +79,7 @@ from .progress import silent as silent
 from .progress import staged as staged
 from .result.arc import Arc as Arc
 from .result.arc import join as join
+from .result.arc import on_intervals as on_intervals
 from .result.findings import NOWHERE as NOWHERE
 from .result.findings import Agreement as Agreement
 from .result.findings import Condition as Condition

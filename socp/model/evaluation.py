@@ -314,6 +314,11 @@ def scales(problem: Problem, solution: Solution) -> np.ndarray:
     It serves to scale; what a solution claims is not measured by it, since a claimed state may be
     of any size.
     """
+    return _scales(solution, problem)
+
+
+@once
+def _scales(solution: Solution, problem: Problem) -> np.ndarray:
     return sizes(problem, solution.t, solution.rows("x"), parameters_of(problem, solution))
 
 

@@ -4,7 +4,7 @@ unknown multipliers.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import final
 
 import numpy as np
@@ -24,6 +24,9 @@ from socp.model import (
 from socp.transcription import lgr
 from socp.verdict.nodes import POINTS, Samples, sample
 from socp.verdict.structure import nearness
+
+# Entries of the linear systems that are solved in one call: 16 MB, and many of a small problem's
+_AT_ONCE = 2_000_000
 
 __all__ = ["POINTS", "Costates", "Samples", "Unknowns", "condense", "sample"]
 
@@ -81,37 +84,58 @@ def condense(samples: Samples, unknowns: Unknowns, end: np.ndarray) -> Costates:
     no digits there. At a joint lambda(t-) = lambda(t+) + jump c_x (Hartl, Sethi, Vickson, SIAM
     Review 37, 1995, theorem 4.1).
     """
-    scheme, v, nx, d = lgr(POINTS), samples.values, samples.x.shape[0], POINTS
-    n, nc, nz = samples.t.size, v["cx"].shape[1], unknowns.size
+    v, nx, d = samples.values, samples.x.shape[0], POINTS
+    count, nc, nz = samples.intervals, v["cx"].shape[1], unknowns.size
+    lasts, mu = np.empty((count, nx, nz + 1)), np.zeros((count, samples.width, nc, nz))
+    nodes = np.empty((count, d, nx, nz + 1))
     value = np.zeros((nx, nz + 1))  # the last column is the part without unknowns
     value[:, : unknowns.ends.shape[1]], value[:, -1] = unknowns.ends, end
-    table, mu = np.zeros((n, nx, nz + 1)), np.zeros((n, nc, nz))
-    inner, outer = np.kron(scheme.A[:, :-1], np.eye(nx)), np.kron(scheme.A[:, -1:], np.eye(nx))
-    for k in reversed(range(samples.intervals)):
-        first = k * samples.width
-        here = slice(first, first + d)
-        for jump, (constraint, joint) in enumerate(unknowns.jumps):
-            if joint == k + 1:
-                value[:, unknowns.jump_column(jump)] += v["cx"][first + d, constraint]
-        half = 0.5 * (samples.edges[k + 1] - samples.edges[k])
-        forcing = np.zeros((d, nx, nz + 1))
-        forcing[:, :, -1] = v["Lx"][:, here].T
-        for block, (constraint, interval) in enumerate(unknowns.mu):
-            if interval == k:
-                columns = np.arange(d) + unknowns.mu_columns(block).start
-                forcing[np.arange(d), :, columns] += v["cx"][here, constraint]
-                mu[first + np.arange(d), constraint, columns] = 1.0
-                mu[first + d, constraint, unknowns.mu_columns(block)] = _extrapolation()
-        matrix = inner.copy()
-        for j in range(d):
-            rows = slice(j * nx, (j + 1) * nx)
-            matrix[rows, rows] += half * v["fx"][first + j].T
-        nodes = np.linalg.solve(matrix, -outer @ value - half * forcing.reshape(d * nx, nz + 1))
-        table[here], table[first + d] = nodes.reshape(d, nx, nz + 1), value
-        value = table[first].copy()
-    return Costates(table[:, :, -1], table[:, :, :-1], mu)
+    for block, (constraint, k) in enumerate(unknowns.mu):
+        columns = unknowns.mu_columns(block)
+        mu[k, np.arange(d), constraint, np.arange(columns.start, columns.stop)] = 1.0
+        mu[k, d, constraint, columns] = _extrapolation()
+    together = max(_AT_ONCE // (d * nx * (d * nx + nz + 1)), 1)
+    for last in range(count, 0, -together):
+        some = slice(max(last - together, 0), last)
+        maps, own = _over(samples, unknowns, mu[some], some)
+        for k in reversed(range(some.start, last)):
+            for jump, (constraint, joint) in enumerate(unknowns.jumps):
+                if joint == k + 1:
+                    slope = v["cx"][(k + 1) * samples.width - 1, constraint]
+                    value[:, unknowns.jump_column(jump)] += slope
+            lasts[k] = value
+            value = maps[k - some.start, :nx] @ value + own[k - some.start, :nx]
+        nodes[some] = (maps @ lasts[some] + own).reshape(-1, d, nx, nz + 1)
+    table = np.concatenate([nodes, lasts[:, None]], axis=1).reshape(-1, nx, nz + 1)
+    return Costates(table[:, :, -1], table[:, :, :-1], mu.reshape(samples.t.size, nc, nz))
 
 
+def _over(
+    samples: Samples, unknowns: Unknowns, mu: np.ndarray, some: slice
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return lambda at the collocated nodes of some intervals, k of them, as maps (k, d nx, nx) of
+    its value at their ends, and the rest (k, d nx, nz + 1) that is not; mu (k, d + 1, nc, nz).
+    """
+    scheme, v, nx, d = lgr(POINTS), samples.values, samples.x.shape[0], POINTS
+    half = 0.5 * np.diff(samples.edges)[some, None, None]
+    fx, cx = (
+        v[name].reshape(samples.intervals, samples.width, *v[name].shape[1:])[some, :d]
+        for name in ("fx", "cx")
+    )
+    forcing = np.empty((len(fx), d, nx, unknowns.size + 1))
+    forcing[..., -1] = np.moveaxis(v["Lx"].reshape(nx, samples.intervals, -1)[:, some, :d], 0, -1)
+    forcing[..., :-1] = cx.swapaxes(2, 3) @ mu[:, :d]
+    matrix = np.tile(np.kron(scheme.A[:, :-1], np.eye(nx)), (len(fx), 1, 1))
+    for j in range(d):
+        rows = slice(j * nx, (j + 1) * nx)
+        matrix[:, rows, rows] += half * fx[:, j].swapaxes(1, 2)
+    outer = np.tile(-np.kron(scheme.A[:, -1:], np.eye(nx)), (len(fx), 1, 1))
+    given = -half * forcing.reshape(len(fx), d * nx, unknowns.size + 1)
+    solved = np.linalg.solve(matrix, np.concatenate([outer, given], axis=2))
+    return solved[:, :, :nx], solved[:, :, nx:]
+
+
+@cache
 def _extrapolation() -> np.ndarray:
     """Return the weights (d,) that extend a polynomial from the collocated nodes to the end of an
     interval.

@@ -11,7 +11,7 @@ from typing import final
 
 import numpy as np
 
-from socp.model import ACTIVE, AT_BOUND, NOWHERE, TINY, Condition, Mode, Place, Solution
+from socp.model import ACTIVE, AT_BOUND, NOWHERE, TINY, Condition, Mode, Place, Solution, once
 from socp.transcription import lgr
 from socp.verdict.adjoint import AdjointSystem
 from socp.verdict.nodes import POINTS, Samples
@@ -68,11 +68,16 @@ def conditions(along: AdjointSystem) -> Iterator[Rows]:
     yield from _signs(along)
 
 
-def stretch_at(solution: Solution, control: str, t: float) -> Place:
-    """Return the stretch that a control is on at a time."""
+@once
+def stretches(solution: Solution, control: str, times: tuple[float, ...]) -> list[Place]:
+    """Return the stretches that a control is on at times."""
     row = solution.structure[control]
-    k = int(np.searchsorted([end for _, _, end in row[:-1]], t, side="right"))
-    return Place(control=control, stretch=k + 1, mode=Mode.parse(row[k][0]))
+    on = np.searchsorted([end for _, _, end in row[:-1]], times, side="right").tolist()
+    places = [
+        Place(control=control, stretch=k, mode=Mode.parse(mode))
+        for k, (mode, _, _) in enumerate(row, start=1)
+    ]
+    return [places[k] for k in on]
 
 
 def _switching(along: AdjointSystem) -> Iterator[Rows]:
@@ -84,14 +89,11 @@ def _switching(along: AdjointSystem) -> Iterator[Rows]:
     """
     samples, (offset, matrix) = along.samples, along.sigma
     low, high = along.problem.box
-    middle = 0.5 * (samples.edges[1:] + samples.edges[:-1])
     for i, name in enumerate(along.problem.control_names):
         width = high[i] - low[i]
-        stretches = [stretch_at(along.solution, name, float(t)) for t in middle]
-        where = [place for place in stretches for _ in range(samples.width)]
-        inside = np.repeat(
-            [place.mode not in {_LOWER, _UPPER} for place in stretches], samples.width
-        )
+        own = stretches(along.solution, name, samples.middles)
+        where = [place for place in own for _ in range(samples.width)]
+        inside = np.repeat([place.mode not in {_LOWER, _UPPER} for place in own], samples.width)
         distances = [
             (samples.u[i] - low[i], False),
             (samples.u[i] - high[i], False),

@@ -5,10 +5,11 @@ times.
 import itertools
 import math
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
-from socp.model import Problem, Solution, lagrange
+from socp.model import Problem, Solution, differentiation, lagrange
 from socp.transcription import lgr
 from socp.verdict import claims
 from socp.verdict.adjoint import AdjointSystem
@@ -162,17 +163,23 @@ def _nearest_zero(
     interval, noise = where
     first = interval * samples.width
     nodes = slice(first, first + samples.width)
-    t = samples.t[nodes] - samples.t[nodes][-1 if at_end else 0]
-    polynomial = np.polynomial.Polynomial.fit(t, sigma[nodes], POINTS)
-    length = float(np.ptp(t))
-    terms = np.array(
-        [abs(float(polynomial.deriv(k)(0.0))) * length**k / math.factorial(k) for k in range(4)]
-    )
+    length = float(np.ptp(samples.t[nodes]))
+    terms = np.abs(_terms()[-1 if at_end else 0] @ sigma[nodes])
     # the first term that the others do not drown: sigma leaves a bang arc with a slope, a singular
     # one with a curve
     order = next((k for k in (1, 2, 3) if terms[k] >= _LEADS * terms.max()), 1)
     ratio = terms[order - 1] / (order * terms[order]) if terms[order] > 0 else np.inf
     return length * float(ratio) if ratio < 1.0 and terms.max() > noise else np.inf
+
+
+@cache
+def _terms() -> np.ndarray:
+    """Return what makes the first four terms, at both ends of an interval, of the Taylor series
+    over the interval's length, (2, 4, nodes), from the values at the judge's nodes.
+    """
+    D = differentiation((_SCHEME.nodes + 1.0) / 2.0)
+    powers = [np.linalg.matrix_power(D, k) / math.factorial(k) for k in range(4)]
+    return np.stack(powers, axis=1)[[0, -1]]
 
 
 def flat(

@@ -18,11 +18,11 @@ from socp.model import (
     Solution,
     evaluate,
     function_of,
-    lagrange,
+    piecewise,
     time,
 )
 from socp.process import time_limit
-from socp.verdict.conditions import stretch_at
+from socp.verdict.conditions import stretches
 from socp.verdict.lessons import left_open
 from socp.verdict.nodes import Samples
 
@@ -156,11 +156,8 @@ def _joint_arcs(
     """Yield (stretch of every control, mask (n,) of nodes) for every arc of all controls
     together.
     """
-    middle = 0.5 * (samples.edges[1:] + samples.edges[:-1])
-    joint = [
-        tuple(stretch_at(solution, name, float(t)) for name in problem.control_names)
-        for t in middle
-    ]
+    rows = [stretches(solution, name, samples.middles) for name in problem.control_names]
+    joint = list(zip(*rows, strict=True))
     for arc in dict.fromkeys(joint):
         yield arc, np.repeat([each == arc for each in joint], samples.width)
 
@@ -174,15 +171,11 @@ def on_arc(samples: Samples, index: int, arc: Arc, values: np.ndarray) -> np.nda
     """Carry values (rows, n) from the judge's nodes to an arc's; arcs without length take the
     neighbouring value.
     """
-    out = np.empty((values.shape[0], arc.t.size))
-    mine = np.unique(np.flatnonzero(samples.arc == index) // samples.width)
+    mine = np.flatnonzero(samples.arc[:: samples.width] == index)
     if not mine.size:
         nearest = int(np.argmin(np.abs(samples.t - arc.t[0])))
         return np.repeat(values[:, [nearest]], arc.t.size, axis=1)
-    place = mine[
-        np.clip(np.searchsorted(samples.edges[mine], arc.t, side="right") - 1, 0, mine.size - 1)
-    ]
-    for k in np.unique(place):
-        nodes = slice(k * samples.width, (k + 1) * samples.width)
-        out[:, place == k] = lagrange(samples.t[nodes], values[:, nodes], arc.t[place == k])
-    return out
+    place = np.searchsorted(samples.edges[mine[1:]], arc.t, side="right")
+    nodes = samples.t.reshape(-1, samples.width)[mine]
+    shape = len(values), samples.intervals, samples.width
+    return piecewise(nodes, values.reshape(shape)[:, mine], arc.t, place)

@@ -3,13 +3,13 @@ linear programmes.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, final
 
 import casadi
 import numpy as np
 
-from socp.model import EXTREMAL, ROUNDED, TINY, Condition, Finding
+from socp.model import EXTREMAL, ROUNDED, TINY, Condition, Finding, lately
 from socp.verdict import margins
 from socp.verdict.adjoint import AdjointSystem
 from socp.verdict.claims import running_magnitude
@@ -37,6 +37,9 @@ class Case:
         Not less than the cost's own: multipliers that all vanish satisfy everything, and must not
         be measured by themselves.
         """
+        return lately(self, Case.magnitude, (z.tobytes(),), partial(self._magnitude, z))
+
+    def _magnitude(self, z: np.ndarray) -> float:
         v = self.along.samples.values
         terms = np.abs(v["L"]) + np.abs(self.along.costates.at(z) * v["f"]).sum(axis=0)
         return max(float(terms.max()), self.cost, TINY)
@@ -58,6 +61,9 @@ class Case:
 
     def findings(self, z: np.ndarray) -> tuple[Finding, ...]:
         """Return the worst residual of every condition at multipliers z."""
+        return lately(self, Case.findings, (z.tobytes(),), partial(self._findings, z))
+
+    def _findings(self, z: np.ndarray) -> tuple[Finding, ...]:
         size = self.magnitude(z)
         found: dict[Condition, Finding] = {}
         for rows in self.rows:

@@ -3,7 +3,7 @@ and values there.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import final
 
 import casadi
@@ -20,12 +20,13 @@ from socp.model import (
     evaluate,
     legendre_coefficients,
     of_motion,
+    on_intervals,
     once,
     parameters_of,
     time,
 )
 from socp.transcription import knot_times, lgr
-from socp.verdict.structure import constraint_values, nearness
+from socp.verdict.structure import constraints_function, nearness
 
 # collocation points an interval: order 19, so that the judge's own error stays below what it judges
 POINTS = 10
@@ -77,6 +78,11 @@ class Samples:
         """Nodes of one interval, d + 1."""
         return POINTS + 1
 
+    @cached_property
+    def middles(self) -> tuple[float, ...]:
+        """Middles of the intervals (k,)."""
+        return tuple((0.5 * (self.edges[1:] + self.edges[:-1])).tolist())
+
     def on_knot(self, t: np.ndarray) -> np.ndarray:
         """Tell which times (n,) are knots of the problem, at which its functions may jump."""
         apart = SAME_TIME * (self.edges[-1] - self.edges[0])
@@ -92,22 +98,22 @@ class Samples:
         either side has slopes of its own, and the point itself those of neither. Where nothing
         jumps the node itself is taken.
         """
-        found = values_at(self.problem, (self.x, self.u, self.t, self.p))
+        (found,) = evaluate(_functions(self.problem), self.x, self.u, self.t, self.p)
         first = np.arange(self.intervals) * self.width
         ends = np.concatenate([first, first + self.width - 1])
         step = _INSIDE * np.concatenate([np.diff(self.edges), -np.diff(self.edges)])
         with np.errstate(invalid="ignore"):
-            x = self.x[:, ends] + found["f"][:, ends] * step
-        inside = values_at(self.problem, (x, self.u[:, ends], self.t[ends] + step, self.p))
-        for name, values in found.items():
-            axis = 0 if name in _BY_NODE else -1
-            at, its = np.moveaxis(values, axis, -1), np.moveaxis(inside[name], axis, -1)
-            with np.errstate(invalid="ignore"):
-                jumps = np.abs(its - at[..., ends]) > _JUMPS * np.abs(at).max(initial=0.0)
-            at[..., ends] = np.where(
-                jumps, its, at[..., ends]
-            )  # a view: this writes into what is found
-        return found
+            x = self.x[:, ends] + found[: len(self.x), ends] * step  # the rates stand first
+            inside = x, self.u[:, ends], self.t[ends] + step
+            (its,) = evaluate(_functions(self.problem), *inside, self.p)
+            rows = _rows(self.problem)
+            largest = [np.abs(found[part]).max(initial=0.0) for part, _ in rows.values()]
+            most = _JUMPS * np.repeat(
+                largest, [part.stop - part.start for part, _ in rows.values()]
+            )
+            jumps = np.abs(its - found[:, ends]) > most[:, None]
+        found[:, ends] = np.where(jumps, its, found[:, ends])
+        return _by_name(self.problem, found)
 
 
 def values_at(
@@ -116,20 +122,29 @@ def values_at(
     """Return the functions and slopes of a problem at points: states (nx, n), controls (nu, n),
     times (n,), p (np,).
     """
-    n, found = at[2].size, {}
-    named = _named(problem)
-    results = evaluate(_functions(problem), *at)
-    for (name, expression), result in zip(named.items(), results, strict=True):
-        rows, columns = expression.shape
-        block = result.reshape(rows, n, columns) if columns else np.empty((rows, n, 0))
-        found[name] = (
-            block.transpose(1, 0, 2)
-            if name in _BY_NODE
-            else block[:, :, 0]
-            if columns == 1
-            else block.reshape(rows, n)
-        )
-    found["L"], found["Lt"] = found["L"][0], found["Lt"][0]
+    return _by_name(problem, evaluate(_functions(problem), *at)[0])
+
+
+def _by_name(problem: Problem, found: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the values (rows, n) of functions and slopes at n points as `Samples` has them."""
+    values = {}
+    for name, (part, (rows, columns)) in _rows(problem).items():
+        block = found[part]
+        if name in _BY_NODE:
+            block = block.reshape(columns, rows, found.shape[1]).transpose(2, 1, 0)
+            block = np.ascontiguousarray(block)
+        values[name] = block
+    return {**values, "L": values["L"][0], "Lt": values["Lt"][0]}
+
+
+@of_motion
+@once
+def _rows(problem: Problem) -> dict[str, tuple[slice, tuple[int, int]]]:
+    """Return which of all rows are those of a function, and its shape."""
+    found, last = {}, 0
+    for name, expression in _named(problem).items():
+        first, last = last, last + expression.numel()
+        found[name] = slice(first, last), expression.shape
     return found
 
 
@@ -137,8 +152,8 @@ def values_at(
 @once
 def _functions(problem: Problem) -> casadi.Function:
     symbols = [problem.x, problem.u, time, problem.p]
-    dense = [casadi.densify(expression) for expression in _named(problem).values()]
-    return casadi.Function("along", symbols, dense)
+    everything = casadi.vertcat(*map(casadi.vec, _named(problem).values()))
+    return casadi.Function("along", symbols, [casadi.densify(everything)])
 
 
 @of_motion
@@ -189,13 +204,18 @@ def _rough(samples: Samples, solution: Solution) -> np.ndarray:
     order.
     """
     half = 0.5 * np.diff(samples.edges)
-    fx = samples.values["fx"].reshape(samples.intervals, samples.width, -1) * half[:, None, None]
-    by_node = np.moveaxis(fx, 1, 0)
-    last = legendre_coefficients(lgr(POINTS).nodes, by_node, (-1.0, 1.0))[-2:]
-    tail = np.abs(last).max(axis=(0, 2))
+    fx = samples.values["fx"].reshape(samples.intervals, samples.width, -1)
+    tail = np.abs(_last_terms() @ fx).max(axis=(1, 2)) * half
     lawful = np.array([solution.arcs[k].lawful for k in samples.arc[:: samples.width]])
     rough = lawful & (tail > _SMOOTH)
     return np.array((0.5 * (samples.edges[1:] + samples.edges[:-1]))[rough])
+
+
+@cache
+def _last_terms() -> np.ndarray:
+    """Return what makes the last two Legendre coefficients (2, nodes) of values at nodes."""
+    nodes = lgr(POINTS).nodes
+    return np.array(legendre_coefficients(nodes, np.eye(nodes.size), (-1.0, 1.0))[-2:])
 
 
 def _laid(problem: Problem, solution: Solution, cuts: np.ndarray) -> Samples:
@@ -203,37 +223,37 @@ def _laid(problem: Problem, solution: Solution, cuts: np.ndarray) -> Samples:
         solution.final_time - solution.initial_time
     )  # shorter arcs are points: their nodes differ by rounding alone
     tau = (lgr(POINTS).nodes + 1.0) / 2.0
-    edges, ts, xs, us, arcs = [solution.initial_time], [], [], [], []
+    edges, times, on, arcs, before = [np.array([solution.initial_time])], [], [], [], 0
     for index, arc in enumerate(solution.arcs):
-        if arc.t[-1] - arc.t[0] <= shortest:
-            continue
-        a, b = np.array(_intervals(arc, cuts)).T[:, :, None]
-        t = a + (b - a) * tau
-        t[:, -1:] = b
-        # a node on a joint belongs to this side of it, and the control may jump there
-        hair = 1e-12 * (b - a)
-        ts.append(t.ravel())
-        xs.append(arc.at(ts[-1]))
-        us.append(arc.at(np.clip(t, a + hair, b - hair).ravel(), "u"))
-        arcs.append(np.full(t.size, index))
-        edges += b.ravel().tolist()
-    if not ts:
+        if arc.t[-1] - arc.t[0] > shortest:
+            a, b = _intervals(arc, cuts)[:, :, None]
+            t = a + (b - a) * tau
+            t[:, -1:] = b
+            # a node on a joint belongs to this side of it, and the control may jump there
+            hair = 1e-12 * (b - a)
+            inside = np.clip(t, a + hair, b - hair)
+            on.append(before + arc.t[arc.mesh[1:-1]].searchsorted(inside.ravel(), side="right"))
+            edges.append(b.ravel())
+            times.append((t.ravel(), inside.ravel()))
+            arcs.append(np.full(t.size, index))
+        before += arc.mesh.size - 1
+    if not times:
         raise ValueError("the solution has no length in time")
-    p = parameters_of(problem, solution)
+    (t, inside), interval = np.hstack(times), np.concatenate(on)
     return Samples(
         problem,
-        np.array(edges),
-        np.concatenate(ts),
-        np.hstack(xs),
-        np.hstack(us),
+        np.concatenate(edges),
+        t,
+        on_intervals(solution.arcs, "x", t, interval),
+        on_intervals(solution.arcs, "u", inside, interval),
         np.concatenate(arcs),
-        p,
+        parameters_of(problem, solution),
     )
 
 
-def _intervals(arc: Arc, cuts: np.ndarray) -> list[tuple[float, float]]:
-    """Return the judge's intervals on an arc: its own, joined in groups where many, halved where
-    long, cut as given.
+def _intervals(arc: Arc, cuts: np.ndarray) -> np.ndarray:
+    """Return where the judge's intervals on an arc begin and end (2, k): its own, joined in groups
+    where many, halved where long, cut as given.
     """
     ends = _halved(arc)
     step = -(-(len(ends) - 1) // _INTERVALS)
@@ -246,7 +266,7 @@ def _intervals(arc: Arc, cuts: np.ndarray) -> list[tuple[float, float]]:
     near = np.diff(points) <= apart
     points = np.delete(points, np.flatnonzero(near) + 1) if near.any() else points
     points[-1] = ends[-1]
-    return list(zip(points[:-1].tolist(), points[1:].tolist(), strict=True))
+    return np.array([points[:-1], points[1:]])
 
 
 def _halved(arc: Arc) -> np.ndarray:
@@ -255,8 +275,11 @@ def _halved(arc: Arc) -> np.ndarray:
 
     The costate is about as smooth as the states, so it needs as many nodes.
     """
-    ends = arc.t[arc.mesh]
-    parts = [1 if n <= POINTS + 2 else -(-n // POINTS) for n in np.diff(arc.mesh)]
+    counts = np.diff(arc.mesh)
+    ends: np.ndarray = arc.t[arc.mesh]
+    if counts.max() <= POINTS + 2:
+        return ends
+    parts = [1 if n <= POINTS + 2 else -(-n // POINTS) for n in counts]
     inner = [
         np.linspace(a, b, k + 1)[:-1] for a, b, k in zip(ends[:-1], ends[1:], parts, strict=True)
     ]
@@ -265,29 +288,37 @@ def _halved(arc: Arc) -> np.ndarray:
 
 def _touches(problem: Problem, solution: Solution) -> list[float]:
     """Return the times at which a state constraint that is inactive around them comes to zero."""
-    found: list[float] = []
-    grids = [  # an arc that was cut where it touches has a node there
+    if not problem.constraints:
+        return []
+    # an arc that was cut where it touches has a node there
+    grids = [
         np.union1d(
             np.linspace(arc.t[0], arc.t[-1], 20 * min(len(arc.mesh), 50) + 1), arc.t[arc.mesh]
         )
         for arc in solution.arcs
     ]
-    states = [arc.at(t) for t, arc in zip(grids, solution.arcs, strict=True)]
-    for level, constraint in zip(-nearness(solution, problem), problem.constraints, strict=True):
-        values = [
-            constraint_values(problem, solution, constraint, t, x)
-            for t, x in zip(grids, states, strict=True)
-        ]
-        for t, c in zip(grids, values, strict=True):
-            near = c > level
-            runs = np.split(np.arange(t.size), np.flatnonzero(np.diff(near.astype(int))) + 1)
-            # a parabola is within ACTIVE of its peak for 2 sqrt(ACTIVE) of its span; a boundary arc
-            # stays longer
-            longest = 5.0 * np.sqrt(ACTIVE) * (t[-1] - t[0])
-            short = [run for run in runs if near[run[0]] and np.ptp(t[run]) < longest]
-            found += [
-                float(t[run[np.argmax(c[run])]])
-                for run in short
-                if run[0] > 0 and run[-1] < t.size - 1
-            ]
+    states = np.hstack([arc.at(t) for t, arc in zip(grids, solution.arcs, strict=True)])
+    p, whole = parameters_of(problem, solution), np.concatenate(grids)
+    values = evaluate(constraints_function(problem), states, whole, p)[0]
+    ends = np.cumsum([t.size for t in grids])[:-1]
+    near = values > -nearness(solution, problem)[:, None]
+    found: list[float] = []
+    for row, close in zip(values, near, strict=True):
+        if close.any():
+            parts = zip(grids, np.split(row, ends), np.split(close, ends), strict=True)
+            found += [at for part in parts for at in _peaks(*part)]
     return found
+
+
+def _peaks(t: np.ndarray, c: np.ndarray, near: np.ndarray) -> list[float]:
+    """Return the times of the largest values (n,) of a constraint in stretches of an arc at times
+    (n,) that are `near` zero (n,), and short.
+    """
+    runs = np.split(np.arange(t.size), np.flatnonzero(np.diff(near.astype(int))) + 1)
+    # a parabola is within ACTIVE of its peak for 2 sqrt(ACTIVE) of its span; a boundary arc stays
+    # longer
+    longest = 5.0 * np.sqrt(ACTIVE) * (t[-1] - t[0])
+    short = [run for run in runs if near[run[0]] and np.ptp(t[run]) < longest]
+    return [
+        float(t[run[np.argmax(c[run])]]) for run in short if run[0] > 0 and run[-1] < t.size - 1
+    ]

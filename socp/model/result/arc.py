@@ -73,15 +73,34 @@ class Arc:
                 here, own = interval == k, self.nodes(int(k), which)
                 out[:, here] = lagrange(self.t[own], values[:, own], t[here])
             return out
-        first = self.mesh[used] + (which == "u" and self.side == "right")
-        last = self.mesh[used + 1] + (which != "u" or self.side != "left")
-        place = np.searchsorted(used, interval)
-        for count in np.unique(last - first):
-            alike = last - first == count
-            nodes, here = first[alike, None] + np.arange(count), alike[place]
-            on = np.cumsum(alike)[place[here]] - 1
-            out[:, here] = piecewise(self.t[nodes], values[:, nodes], t[here], on)
-        return out
+        return on_intervals((self,), which, t, interval)
+
+
+def on_intervals(
+    arcs: Sequence[Arc], which: Which, t: np.ndarray, interval: np.ndarray
+) -> np.ndarray:
+    """Evaluate x, u or costate at every time of t (k,) on the interval whose number, counted
+    through all of the arcs, stands in `interval` (k,); returns (rows, k).
+    """
+    begins = np.cumsum([0, *(arc.t.size for arc in arcs)])
+    first, last = (
+        np.concatenate([arc.mesh[part] + begin for arc, begin in zip(arcs, begins, strict=False)])
+        for part in (slice(None, -1), slice(1, None))
+    )
+    if which == "u":
+        sides = np.repeat([arc.side for arc in arcs], [arc.mesh.size - 1 for arc in arcs])
+        first, last = first + (sides == "right"), last - (sides == "left")
+    count = last - first + 1
+    times = np.concatenate([arc.t for arc in arcs])
+    values = np.hstack([getattr(arc, which) for arc in arcs])
+    out, wanted = np.empty((values.shape[0], t.size)), count[interval]
+    for size in np.unique(wanted).tolist():
+        here, alike = np.flatnonzero(wanted == size), np.flatnonzero(count == size)
+        nodes, place = first[alike, None] + np.arange(size), np.empty(count.size, dtype=int)
+        place[alike] = np.arange(alike.size)
+        on = place[interval[here]]
+        out[:, here] = piecewise(times[nodes], values[:, nodes], t[here], on)
+    return out
 
 
 def join(arcs: Sequence[Arc]) -> Arc:
