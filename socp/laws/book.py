@@ -169,9 +169,9 @@ def _points(problem: Problem, principle: ArcPrinciple) -> np.ndarray:
     them.
     """
     at = probes.onto(problem, principle.equations, probes.admissible(problem, _SAMPLES))
-    if principle.derivatives is None:
+    if principle.chain is None:
         return at
-    at = at[:, regular(*principle.derivatives, at)]
+    at = at[:, regular(principle.setting, principle.chain, at)]
     return at if at.shape[1] > principle.points.shape[1] else principle.points
 
 

@@ -3,15 +3,15 @@ them.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
 
 import casadi
 
 from socp.errors import MethodError
-from socp.laws.principle import ArcPrinciple, arc, extremal_arc, setting_of
+from socp.laws.principle import ArcPrinciple, arc, bangs_open, extremal_arc, setting_of
 from socp.laws.setting import Setting, contact, homogeneous, length_fixed, tower
-from socp.model import Constraint, Expr, Mode, Modes, Problem, column, of_motion, once
+from socp.model import Constraint, Expr, Modes, Problem, column, of_motion, once
 
 
 @final
@@ -52,9 +52,11 @@ def arc_law(problem: Problem, modes: Modes) -> ArcLaw:
     if all(i in given for i in setting.singular):
         control = contact(setting_of(problem, modes, constant=False, given=given)).control
     else:
-        found = _shared(problem, modes) or extremal_arc(problem, modes)
-        carried = found if found.feedback is None else None
-        control = found.control if found.feedback is None else found.feedback
+        control = _shared(problem, modes)
+        if control is None:
+            found = extremal_arc(problem, modes)
+            carried = found if found.feedback is None else None
+            control = found.control if found.feedback is None else found.feedback
     given |= {
         j: law
         for j, c in setting.boundary.items()
@@ -97,30 +99,24 @@ def given_boundary(problem: Problem, j: int, constraint: Constraint) -> Expr | N
     return None if law is None else casadi.SX(law)
 
 
-def _shared(problem: Problem, modes: Modes) -> ArcPrinciple | None:
-    """Return the arc with its bang controls left open, where its law turns out not to depend on
-    their values.
+def _shared(problem: Problem, modes: Modes) -> Expr | None:
+    """Return the feedback (nu, 1) of the arc with its bang controls left open, their values put in,
+    where the law turns out not to depend on these.
     """
-    if all(mode.kind not in {"lower", "upper"} for mode in modes) or any(
-        mode.kind == "free" for mode in modes
-    ):
+    at = [i for i, mode in enumerate(modes) if mode.kind in {"lower", "upper"}]
+    if not at or any(mode.kind == "free" for mode in modes):
         return None
     try:
-        found = arc(
-            problem,
-            tuple(Mode("free") if m.kind in {"lower", "upper"} else m for m in modes),
-            constant=True,
-        )
+        law = arc(problem, bangs_open(modes), constant=True).feedback
     except MethodError:
         return None
-    at = [i for i, mode in enumerate(modes) if mode.kind in {"lower", "upper"}]
     bangs = column(problem.u[i] for i in at)
-    if found.feedback is None or any(
-        casadi.depends_on(found.feedback[i], bangs) for i in range(len(modes)) if i not in at
+    if law is None or any(
+        casadi.depends_on(law[i], bangs) for i in range(len(modes)) if i not in at
     ):
         return None
     values = column(problem.box[int(modes[i].kind == "upper"), i] for i in at)
-    return replace(found, feedback=casadi.substitute(found.feedback, bangs, values))
+    return casadi.substitute(law, bangs, values)
 
 
 def _costate_entry(problem: Problem, principle: ArcPrinciple) -> tuple[Expr, ...]:

@@ -4,7 +4,9 @@ Legendre-Clebsch condition.
 
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import casadi
@@ -16,7 +18,7 @@ from socp.laws import probes
 from socp.laws.brackets import extended_costate
 from socp.laws.contacts import constraint_of
 from socp.laws.setting import Contact, Setting, contact, equations
-from socp.laws.singular import Derivatives, derivatives, matrix_of
+from socp.laws.singular import Derivatives, at_values, derivatives, matrix_of
 from socp.model import Expr, Mode, Modes, Problem, cached, column, of_motion, once
 from socp.process import in_time
 
@@ -28,7 +30,7 @@ _LONGER = 2.0
 @dataclass(frozen=True, eq=False)
 class ArcPrinciple:
     """What Pontryagin's principle says on an arc, in x, lambda (`problem.costate`), t, p and the
-    constant controls.
+    constant controls: each worked out when it is asked for first.
 
     - control (nu, 1) with the costate; feedback (nu, 1) without it or None; hamiltonian: it
       needs the known value of H;
@@ -42,23 +44,116 @@ class ArcPrinciple:
       (`socp.laws.probes`) satisfy them.
     """
 
-    control: Expr
-    feedback: Expr | None
-    hamiltonian: bool
-    orders: dict[str, int]
-    conditions: Expr
-    entry: Expr
-    multipliers: dict[str, Expr]
-    costate_rate: Expr
-    legendre_clebsch: Expr
-    equations: Expr
-    points: np.ndarray
-    derivatives: tuple[Setting, Derivatives] | None = None
+    setting: Setting
+    touch: Contact
+    chain: Derivatives | None = None
+
+    @cached_property
+    def control(self) -> Expr:
+        """The controls (nu, 1) with the costate."""
+        return self._put(self.touch.control, self._law)
+
+    @cached_property
+    def feedback(self) -> Expr | None:
+        """The controls (nu, 1) without the costate, None where there is no such law."""
+        if self.chain is None:
+            return self.touch.control
+        found = self._eliminated
+        return None if found is None else self._put(self.touch.control, found.control)
+
+    @property
+    def hamiltonian(self) -> bool:
+        """Tell whether the feedback needs the known value of H."""
+        return self.chain is not None and bool(self._eliminated and self._eliminated.hamiltonian)
+
+    @cached_property
+    def orders(self) -> dict[str, int]:
+        """The orders of singular controls and of state constraints, by name."""
+        names = [self.setting.problem.control_names[i] for i in self.setting.singular]
+        own = [] if self.chain is None else zip(names, self.chain.orders, strict=True)
+        return dict(own) | {c: len(held) for c, held in self.touch.towers.items()}
+
+    @cached_property
+    def conditions(self) -> Expr:
+        """What vanishes all along the arc (m, 1)."""
+        return column(casadi.mtimes(row, self._z) for row in self._rows)
+
+    @property
+    def entry(self) -> Expr:
+        """What vanishes where the arc begins (k, 1)."""
+        return self.touch.held
+
+    @cached_property
+    def multipliers(self) -> dict[str, Expr]:
+        """The multipliers of state constraints, by name."""
+        rows = self.touch.multipliers
+        return {c: self._put(casadi.mtimes(row, self._z), self._law) for c, row in rows.items()}
+
+    @cached_property
+    def costate_rate(self) -> Expr:
+        """The costate's rate (nx, 1)."""
+        rate = casadi.mtimes(self.touch.flow.matrix, self._z)[: self._z.numel() - 1]
+        return self._put(rate, self._law)
+
+    @cached_property
+    def legendre_clebsch(self) -> Expr:
+        """(-1)^q d/du sigma^(2q) over the singular controls (s, s): positive semidefinite where H
+        is minimised.
+        """
+        found = self.chain
+        if found is None:
+            return casadi.SX(0, 0)
+        signs = ((-1) ** q * f for q, f in zip(found.orders, found.factors, strict=True))
+        return casadi.mtimes(casadi.diag(column(signs)), matrix_of(found.slopes, self._z))
+
+    @cached_property
+    def equations(self) -> Expr:
+        """All that vanishes on the arc (e, 1)."""
+        return equations(self.setting, self.touch, self._rows)
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """Points (nv, n) on the arc."""
+        problem = self.setting.problem
+        if self.chain is None:
+            return probes.onto(problem, self.equations, probes.admissible(problem))
+        return self.chain.points
 
     @property
     def surface(self) -> Expr:
         """Equations (j, 1) in x, t, p alone that follow for the states of a singular arc."""
-        return casadi.SX(0, 1) if self.derivatives is None else eliminate.surface(*self.derivatives)
+        return (
+            casadi.SX(0, 1) if self.chain is None else eliminate.surface(self.setting, self.chain)
+        )
+
+    @cached_property
+    def _z(self) -> Expr:
+        return extended_costate(self.setting.problem)
+
+    @property
+    def _rows(self) -> list[Expr]:
+        return self.touch.rows if self.chain is None else self.chain.rows
+
+    @cached_property
+    def _law(self) -> Expr:
+        """The singular controls (s, 1) with the costate."""
+        if self.chain is None:
+            return casadi.SX(0, 1)
+        in_time(self.setting.name())
+        return eliminate.with_costate(self.setting, self.chain)
+
+    @cached_property
+    def _eliminated(self) -> eliminate.Feedback | None:
+        """The singular controls without the costate."""
+        if self.chain is None:
+            return None
+        in_time(self.setting.name())
+        return eliminate.feedback(self.setting, self.chain)
+
+    def _put(self, expression: Expr, law: Expr) -> Expr:
+        """Return an expression with a law (s, 1) of the singular controls put in."""
+        unknown = self.setting.unknown
+        return casadi.substitute(expression, unknown, law) if unknown.numel() else expression
 
 
 def extremal_arc(problem: Problem, modes: Modes) -> ArcPrinciple:
@@ -111,10 +206,16 @@ def setting_of(
     return Setting(problem, column(values), tuple(singular), boundary, column(varying))
 
 
+def bangs_open(modes: Modes) -> Modes:
+    """Return the modes with bang controls left open: constants, whatever their values."""
+    return tuple(Mode("free") if mode.kind in {"lower", "upper"} else mode for mode in modes)
+
+
 def arc(problem: Problem, modes: Modes, *, constant: bool) -> ArcPrinciple:
     """Return what the principle says on an arc; free controls are constants, or functions of time
     that vary freely.
     """
+    constant = constant and any(mode.kind == "free" for mode in modes)  # else it is all the same
     found = _found(problem, modes, constant)
     if isinstance(found, MethodError):
         raise found
@@ -144,9 +245,7 @@ def _found(problem: Problem, modes: Modes, constant: bool) -> ArcPrinciple | Met
         if setting.singular:
             in_time(setting.name(), _LONGER * spent.get((modes, constant), 0.0))
         touch = contact(setting)
-        if setting.singular:
-            return _with_singular(setting, touch)
-        return _without_singular(setting, touch)
+        return ArcPrinciple(setting, touch, _chain(setting, touch, modes))
     except LateError:  # what is not known for want of time is not known to be none
         took = time.monotonic() - began
         spent[modes, constant] = max(took, spent.get((modes, constant), 0.0))
@@ -155,70 +254,19 @@ def _found(problem: Problem, modes: Modes, constant: bool) -> ArcPrinciple | Met
         return error
 
 
-def _without_singular(setting: Setting, touch: Contact) -> ArcPrinciple:
-    z = extended_costate(setting.problem)
-    conditions = column(casadi.mtimes(row, z) for row in touch.rows)
-    kept = equations(setting, touch, touch.rows)
-    points = probes.onto(setting.problem, kept, probes.admissible(setting.problem))
-    return ArcPrinciple(
-        control=touch.control,
-        feedback=touch.control,
-        hamiltonian=False,
-        orders={c: len(held) for c, held in touch.towers.items()},
-        conditions=conditions,
-        entry=touch.held,
-        multipliers=_multipliers(touch, z, {}),
-        costate_rate=_costate_rate(touch, z),
-        legendre_clebsch=casadi.SX(0, 0),
-        equations=kept,
-        points=points,
-    )
+def _chain(setting: Setting, touch: Contact, modes: Modes) -> Derivatives | None:
+    """Return the derivatives on an arc with singular controls, None on others.
 
-
-def _with_singular(setting: Setting, touch: Contact) -> ArcPrinciple:
-    problem, z = setting.problem, extended_costate(setting.problem)
-    found = derivatives(setting, touch)
-    in_time(setting.name())
-    law, feedback = eliminate.with_costate(setting, found), eliminate.feedback(setting, found)
-    names = [problem.control_names[i] for i in setting.singular]
-    put = {"symbols": setting.unknown, "values": law}
-    return ArcPrinciple(
-        control=casadi.substitute(touch.control, setting.unknown, law),
-        feedback=None
-        if feedback is None
-        else casadi.substitute(touch.control, setting.unknown, feedback.control),
-        hamiltonian=feedback is not None and feedback.hamiltonian,
-        orders=dict(zip(names, found.orders, strict=True))
-        | {c: len(held) for c, held in touch.towers.items()},
-        conditions=column(casadi.mtimes(row, z) for row in found.rows),
-        entry=touch.held,
-        multipliers=_multipliers(touch, z, put),
-        costate_rate=casadi.substitute(_costate_rate(touch, z), setting.unknown, law),
-        legendre_clebsch=_legendre_clebsch(found, z),
-        equations=equations(setting, touch, found.rows),
-        points=found.points,
-        derivatives=(setting, found),
-    )
-
-
-def _multipliers(touch: Contact, z: Expr, put: Mapping[str, Expr]) -> dict[str, Expr]:
-    found = {name: casadi.mtimes(row, z) for name, row in touch.multipliers.items()}
-    return (
-        {name: casadi.substitute(e, put["symbols"], put["values"]) for name, e in found.items()}
-        if put
-        else found
-    )
-
-
-def _costate_rate(touch: Contact, z: Expr) -> Expr:
-    return casadi.mtimes(touch.flow.matrix, z)[: z.numel() - 1]
-
-
-def _legendre_clebsch(found: Derivatives, z: Expr) -> Expr:
-    """Return (-1)^q d/du sigma^(2q) over the singular controls (s, s): positive semidefinite where
-    H is minimised.
+    They are those with the bang controls left open, the values of these put in, wherever that
+    determines the singular controls too: one derivation serves all bounds.
     """
-    signs = casadi.diag(
-        column((-1) ** q * factor for q, factor in zip(found.orders, found.factors, strict=True))
-    )
-    return casadi.mtimes(signs, matrix_of(found.slopes, z))
+    if not setting.singular:
+        return None
+    general = bangs_open(modes)
+    if general != modes and not setting.varying.numel():
+        with suppress(MethodError):
+            known = arc(setting.problem, general, constant=True)
+            found = known.chain and at_values(known.chain, setting, touch)
+            if found is not None:
+                return found
+    return derivatives(setting, touch)

@@ -14,7 +14,7 @@ from socp.laws import probes
 from socp.laws.brackets import extended_costate
 from socp.laws.invariant import spans
 from socp.laws.links import Link, LostError, Search, begun, differentiate
-from socp.laws.setting import Contact, Setting, common_factor, homogeneous
+from socp.laws.setting import Contact, Setting, common_factor, equations, homogeneous
 from socp.model import Expr, Problem
 
 _QUORUM = 2  # points at which a control has to appear: one might be chance
@@ -69,6 +69,41 @@ def derivatives(setting: Setting, touch: Contact) -> Derivatives:
             points=found.points,
         )
     raise first or LostError(setting.name())
+
+
+def at_values(chain: Derivatives, setting: Setting, touch: Contact) -> Derivatives | None:
+    """Return what was derived for constant controls with the values that a setting gives them, None
+    where it says less there: at too few points of its surface are the singular controls determined,
+    and no factor that was divided by vanishes.
+    """
+    problem, k = setting.problem, len(setting.singular)
+    lines = [*chain.rows, *chain.rest, *(each for line in chain.slopes for each in line)]
+    whole, factors = casadi.substitute(
+        [casadi.vertcat(*lines), casadi.vertcat(*chain.factors)], [problem.u], [setting.given]
+    )
+    rows = casadi.vertsplit(casadi.sparsify(whole))
+    first, factors = len(chain.rows), casadi.vertsplit(factors)
+    slopes = [rows[first + (i + 1) * k : first + (i + 2) * k] for i in range(k)]
+    points = chain.points.copy()
+    known = [i for i in range(problem.u.numel()) if setting.given[i].is_constant()]
+    points[[i - problem.u.numel() for i in known]] = [[float(setting.given[i])] for i in known]
+    own = equations(setting, touch, rows[:first])
+    points = probes.onto(problem, own, points, interior=not setting.boundary)
+    matrix = probes.evaluator(
+        problem, matrix_of(slopes, extended_costate(problem)), casadi.vertcat(*factors)
+    )
+
+    def decisive(at: np.ndarray) -> np.ndarray:
+        system, divided = matrix(at)
+        return np.column_stack([np.linalg.det(system), divided[:, :, 0]])
+
+    there = points[:, probes.real(problem, decisive, points).all(axis=1)]
+    if there.shape[1] < _QUORUM:
+        return None
+    rest = rows[first : first + k]
+    return replace(
+        chain, rows=rows[:first], rest=rest, slopes=slopes, factors=factors, points=there
+    )
 
 
 def _sources(problem: Problem) -> Iterator[np.ndarray]:

@@ -257,9 +257,7 @@ def test_catalyst_law_keeps_jacksons_ratio(long: float) -> None:
     ratio = found.points[1] / found.points[2]
     assert np.allclose(np.abs(ratio - 10), np.sqrt(10), rtol=1e-8)
     assert found.feedback is not None
-    values = sampled.evaluator(found.derivatives[0].problem, found.feedback)(found.points)[
-        0
-    ].ravel()
+    values = sampled.evaluator(found.setting.problem, found.feedback)(found.points)[0].ravel()
     assert np.allclose(values, ratio / ((ratio - 10) * (1 + ratio) + ratio), rtol=1e-7)
     assert np.isclose(values, 0.22714208).sum() > len(values) / 2
 
@@ -428,8 +426,7 @@ def test_costate_stays_where_it_cannot_be_eliminated(monkeypatch: pytest.MonkeyP
 
 
 def known_costate(found: ArcPrinciple) -> casadi.SX:
-    assert found.derivatives is not None
-    return found.derivatives[0].problem.costate
+    return found.setting.problem.costate
 
 
 # -- descriptions
@@ -438,7 +435,9 @@ def known_costate(found: ArcPrinciple) -> casadi.SX:
 def test_description_of_an_arc_that_sampling_does_not_meet() -> None:
     own = problem(running=x**2 + y**2, dynamics={x: u, y: -y}, start={x: 1, y: 1}, final_time=5)
     found = laws.derive(own, ("u",))
-    nowhere = replace(found, equations=casadi.SX(1) + x**2, points=found.points[:, :0])
+    assert found.chain is not None
+    never = casadi.horzcat(0, 0, 1 + x**2)
+    nowhere = replace(found, chain=replace(found.chain, rows=[never], points=found.points[:, :0]))
     assert "met by sampling" in lawbook._remark(own, nowhere, [0], "")
     assert sampled.evaluator(own, x, casadi.vertcat(x, y))(found.points[:, :0])[1].shape == (
         0,
