@@ -14,6 +14,8 @@ from socp.model.graph import fold, not_affine
 from socp.model.parts import check_scene, scene_expressions
 from socp.model.symbols import (
     Expr,
+    column,
+    expression,
     final_time,
     initial,
     initial_time,
@@ -44,7 +46,7 @@ def expressions(problem: "Problem") -> list[Expr]:
         *problem.target.values(),
     ]
     parts += [*problem.path.values(), *problem.singular.values(), *laws]
-    return [casadi.SX(part) for part in parts if part is not None]
+    return [expression(part) for part in parts if part is not None]
 
 
 def boundary_laws(boundary: Mapping[Expr, Any]) -> Iterator[tuple[str | None, Expr]]:
@@ -106,13 +108,12 @@ def _expressions(problem: "Problem") -> None:
         raise ProblemError(
             "no objective: give minimise (a Mayer term) or running (an integrand), or both"
         )
-    for place, expression in placed_expressions(problem):
-        if not isinstance(expression, casadi.SX) and not is_number(expression):
-            what = f"is not an expression (it is {a(expression)})"
-            raise ProblemError(
-                f"{place}: {shown(expression)} {what}{advice.expression(expression)}"
-            )
-        scalar = casadi.SX(expression)
+    scalars = []
+    for place, given in placed_expressions(problem):
+        if not isinstance(given, casadi.SX) and not is_number(given):
+            what = f"is not an expression (it is {a(given)})"
+            raise ProblemError(f"{place}: {shown(given)} {what}{advice.expression(given)}")
+        scalar = expression(given)
         if scalar.shape != (1, 1):
             raise ProblemError(f"{place}: shape {scalar.shape} where one number is needed")
         if is_logical(scalar):
@@ -121,36 +122,43 @@ def _expressions(problem: "Problem") -> None:
                 "needed; relations go into path and target; of two cases, write casadi's "
                 "if_else(x > 0, a, b)"
             )
-        _finite(place, scalar)
+        scalars.append((place, scalar))
+    if not all(map(math.isfinite, _numbers(column(e for _, e in scalars)))):
+        for place, scalar in scalars:
+            _finite(place, scalar)
 
 
-def _finite(place: str, expression: Expr) -> None:
+def _finite(place: str, scalar: Expr) -> None:
     """Refuse nan and infinity anywhere inside an expression: no solver recovers from either."""
-
-    def looked_at(number: float) -> None:
+    for number in _numbers(scalar):
         if not math.isfinite(number):
             why = advice.not_finite(number, ends=place.startswith(("target", "path")))
-            what = f"{plainly(expression)} where a finite value is needed"
+            what = f"{plainly(scalar)} where a finite value is needed"
             raise ProblemError(f"{place}: {what}; {why}")
 
-    symbols = casadi.vertcat(*casadi.symvar(expression))
-    fold(expression, symbols, lambda _place: None, looked_at, lambda *_given: None)
+
+def _numbers(expressions: Expr) -> list[float]:
+    """Return the numbers that expressions (m, 1) hold."""
+    found: list[float] = []
+    symbols = column(casadi.symvar(expressions))
+    fold(expressions, symbols, lambda _place: None, found.append, lambda *_given: None)
+    return found
 
 
 def _symbols(problem: "Problem") -> None:
-    used = {s for e in expressions(problem) for s in casadi.symvar(e)}
+    used = set(casadi.symvar(column(expressions(problem))))
     at_ends = {*(initial(state) for state in problem.dynamics), *_TIMES}
-    for place, expression in placed_expressions(problem):
+    for place, given in placed_expressions(problem):
         ends = place == "minimise" or place.startswith("target")
         with_controls = place == "running" or place.startswith("dynamics")
-        for symbol in casadi.symvar(casadi.SX(expression)):
+        for symbol in casadi.symvar(expression(given)):
             kind = role(symbol)
             if kind == "state" and symbol not in problem.dynamics:
                 raise ProblemError(f"{place}: state '{symbol}' has no dynamics")
             if kind == "control" and not with_controls:
                 raise ProblemError(
                     f"{place}: uses the control '{symbol}'; allowed are states, parameters and "
-                    f"times{_cure(place, expression)}"
+                    f"times{_cure(place, given)}"
                 )
             if kind == "control" and symbol not in problem.bounds:
                 raise ProblemError(
@@ -191,7 +199,7 @@ def _used(problem: "Problem") -> None:
     """Check that what is bounded, guessed or measured is part of the problem, and that names tell
     symbols apart.
     """
-    used = {s for e in expressions(problem) for s in casadi.symvar(e)}
+    used = set(casadi.symvar(column(expressions(problem))))
     states = list(problem.dynamics)
     controls = [symbol for symbol in problem.bounds if role(symbol) == "control"]
     parameters = [symbol for symbol in used if role(symbol) == "parameter"]
@@ -226,10 +234,10 @@ def _distinct(names: Iterable[str]) -> None:
 
 
 def _affine(problem: "Problem") -> None:
-    rows = [(f"dynamics of '{state}'", casadi.SX(rate)) for state, rate in problem.dynamics.items()]
-    rows.append(("running cost", problem.lagrangian))
-    for place, expression in rows:
-        for k, operation in not_affine(expression, problem.u).items():
+    places = [*(f"dynamics of '{state}'" for state in problem.dynamics), "running cost"]
+    rows = casadi.vertcat(problem.rate, problem.lagrangian)
+    for place, bends in zip(places, not_affine(rows, problem.u), strict=True):
+        for k, operation in bends.items():
             name = problem.control_names[k]
             cure = advice.bent(name, problem.box[:, k].tolist(), operation)
             raise ProblemError(f"{place} is not affine in control '{name}'; {cure}")
@@ -238,8 +246,8 @@ def _affine(problem: "Problem") -> None:
 def _acting(problem: "Problem") -> None:
     """Refuse a control whose terms cancel wherever it stands."""
     fields = casadi.vertcat(problem.fields, casadi.jacobian(problem.lagrangian, problem.u))
-    for k, name in enumerate(problem.control_names):
-        if _zero(fields[:, k]):
+    for name, acts in zip(problem.control_names, _acts(fields), strict=True):
+        if not acts:
             what = "its terms cancel in all rates and in running"
             raise ProblemError(f"control '{name}' does nothing: {what}; leave it out")
 
@@ -270,7 +278,7 @@ def check_controls(problem: "Problem") -> None:
         seen |= {
             s
             for state in known & {*problem.dynamics}
-            for s in casadi.symvar(casadi.SX(problem.dynamics[state]))
+            for s in casadi.symvar(expression(problem.dynamics[state]))
         }
     for control in casadi.vertsplit(problem.u):
         if control not in seen:
@@ -284,20 +292,21 @@ def check_controls(problem: "Problem") -> None:
             )
 
 
-def _zero(column_: Expr) -> bool:
-    """Tell whether a column of expressions vanishes wherever it can be computed, by values at
-    random points.
+def _acts(fields: Expr) -> np.ndarray:
+    """Tell which columns (nu,) of expressions differ from zero somewhere, by values at random
+    points; one that has no value at any may.
     """
-    if column_.nnz() == 0:
-        return True
-    unknown = casadi.vertcat(*casadi.symvar(column_))
+    unknown = column(casadi.symvar(fields))
     function, random = (
-        casadi.Function("column", [unknown], [casadi.densify(column_)]),
+        casadi.Function("fields", [unknown], [casadi.densify(fields)]),
         np.random.default_rng(0),
     )
-    values = [function(random.uniform(-2.0, 2.0, unknown.numel())).full() for _ in range(_POINTS)]
-    known = [value for value in values if np.isfinite(value).all()]
-    return bool(known) and not any(value.any() for value in known)
+    points = random.uniform(-2.0, 2.0, (unknown.numel(), _POINTS))
+    values = np.array([function(point).full() for point in points.T])
+    known = np.isfinite(values).all(axis=1)
+    acts = (values.any(axis=1) & known).any(axis=0)
+    acts |= ~known.any(axis=0)
+    return np.array([fields[:, k].nnz() > 0 for k in range(acts.size)], dtype=bool) & acts
 
 
 def _named(problem: "Problem") -> None:

@@ -38,23 +38,22 @@ Bent = dict[
 ]  # place in u -> casadi's number of the operation that the symbol enters otherwise than affinely
 
 
-def not_affine(expression: Expr, u: Expr) -> Bent:
-    """Return the places in u (nu, 1) of the symbols that a scalar expression is not affine in, each
-    with what bends it.
+def not_affine(expressions: Expr, u: Expr) -> list[Bent]:
+    """Return for each of expressions (m, 1) the places in u (nu, 1) of the symbols that it is not
+    affine in, each with what bends it.
 
     A product of two affine factors counts as curved in both, even if later terms cancel it.
     Derivatives would not do: those of sign(u), or of if_else(u > 0, ..), vanish.
     """
-    others = [s for s in casadi.symvar(expression) if not casadi.depends_on(s, u)]
+    own = set(casadi.vertsplit(u))
     found = fold(
-        expression,
-        casadi.vertcat(u, *others),
+        expressions,
+        casadi.vertcat(u, *(s for s in casadi.symvar(expressions) if s not in own)),
         lambda place: (frozenset({place} if place < u.numel() else ()), {}),
         lambda _number: (frozenset(), {}),
         _combined,
-    )[0]
-    bent: Bent = {} if found is None else found[1]
-    return {place: bent[place] for place in sorted(bent)}
+    )
+    return [{} if each is None else dict(sorted(each[1].items())) for each in found]
 
 
 def _combined(operation: int, *given: tuple[Held, Bent]) -> tuple[Held, Bent]:
@@ -87,7 +86,7 @@ def fold(
     the values of its arguments. None stands for an expression that is zero throughout.
     """
     function = casadi.Function("traced", [symbols], [casadi.densify(expressions)])
-    found: list[Any] = [None] * casadi.SX(expressions).numel()
+    found: list[Any] = [None] * function.numel_out(0)
     work: dict[int, Any] = {}
     for k in range(function.n_instructions()):
         operation, into = function.instruction_id(k), function.instruction_input(k)

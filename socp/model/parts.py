@@ -136,7 +136,7 @@ def _check_flow(scene: Scene) -> None:
             raise ProblemError(f"scene flow: {what}; a flow needs a plane of states")
     allowed = set(scene.plane)
     for each in scene.flow or ():
-        for symbol in casadi.symvar(casadi.SX(each)) if isinstance(each, casadi.SX) else []:
+        for symbol in casadi.symvar(each) if isinstance(each, casadi.SX) else []:
             if role(symbol) == "state" and symbol not in allowed:
                 raise ProblemError(
                     f"scene flow: depends on '{symbol}', which is no coordinate of the plane"

@@ -21,6 +21,7 @@ from socp.model.ranges import interval, rows
 from socp.model.symbols import (
     Expr,
     column,
+    expression,
     free,
     initial,
     relation,
@@ -239,7 +240,7 @@ class Problem:
     @cached_property
     def p(self) -> Expr:
         """Parameters as a column (np, 1), in the order of their declaration."""
-        used = set(casadi.symvar(casadi.vertcat(*checks.expressions(self))))
+        used = set(casadi.symvar(column(checks.expressions(self))))
         return column(symbol for symbol in symbols_of("parameter") if symbol in used)
 
     @cached_property
@@ -287,12 +288,12 @@ class Problem:
     @cached_property
     def lagrangian(self) -> Expr:
         """Running cost as an expression (1, 1), zero where there is none."""
-        return casadi.SX(0 if self.running is None else self.running)
+        return expression(0 if self.running is None else self.running)
 
     @cached_property
     def mayer(self) -> Expr:
         """Mayer term as an expression (1, 1), zero where there is none."""
-        return casadi.SX(0 if self.minimise is None else self.minimise)
+        return expression(0 if self.minimise is None else self.minimise)
 
     @cached_property
     def hamiltonian(self) -> Expr:

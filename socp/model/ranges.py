@@ -13,6 +13,7 @@ from socp.errors import ProblemError
 from socp.model import advice
 from socp.model.symbols import (
     Expr,
+    expression,
     final_time,
     free,
     initial_time,
@@ -147,10 +148,10 @@ def _part(place: str, part: Any, *, constant: bool) -> None:
         isinstance(part, casadi.SX) and part.is_scalar() and not is_logical(part)
     ):
         raise ProblemError(f"{place}: {shown(part)} where a number is needed")
-    expression = casadi.SX(part)
-    if any(not (s == time).is_one() for s in casadi.symvar(expression)):
+    value = expression(part)
+    if any(not (s == time).is_one() for s in casadi.symvar(value)):
         raise ProblemError(f"{place}: {part} may only depend on time")
-    if expression.is_constant() and not math.isfinite(float(expression)):
+    if value.is_constant() and not math.isfinite(float(value)):
         raise ProblemError(f"{place}: {part} where a finite number is needed")
-    if constant and not expression.is_constant():
+    if constant and not value.is_constant():
         raise ProblemError(f"{place}: {part} where a number is needed, not a function of time")

@@ -20,9 +20,9 @@ Role = Literal["state", "control", "parameter", "constant"]
 _LONGEST = 100  # characters of a name: more fit into no table or figure
 _RELATIONS = (casadi.OP_LE, casadi.OP_LT, casadi.OP_EQ)
 _TIMES = {"t": "time", "t0": "initial_time", "tf": "final_time"}
-_ROLES: dict[
-    Expr, Role
-] = {}  # keeps every declared symbol alive, so that no other can take its hash
+# every declared symbol by its hash, which no other can take while it is kept alive: as keys of a
+# table casadi would compare them as expressions
+_ROLES: dict[int, tuple[Expr, Role]] = {}
 
 # numpy's sin of an expression is an expression, as it has always been; by itself casadi warns of it
 casadi.GlobalOptions.setNumpyMode(-1)
@@ -75,7 +75,7 @@ def _initial(state: Expr) -> Expr:
 
 def role(symbol: Expr) -> Role | None:
     """Return what a symbol was declared as, None if it was not declared here."""
-    return _ROLES.get(symbol) if is_symbol(symbol) else None
+    return _ROLES.get(hash(symbol), (None, None))[1] if is_symbol(symbol) else None
 
 
 def is_symbol(expression: Any) -> bool:
@@ -89,7 +89,7 @@ def is_symbol(expression: Any) -> bool:
 
 def symbols_of(kind: Role) -> list[Expr]:
     """Return all symbols of one role in the order of their declaration."""
-    return [symbol for symbol, its in _ROLES.items() if its == kind]
+    return [symbol for symbol, its in _ROLES.values() if its == kind]
 
 
 def is_number(value: Any) -> bool:
@@ -105,8 +105,15 @@ def is_number(value: Any) -> bool:
 
 def column(expressions: Any) -> Expr:
     """Stack expressions or numbers into a column; an empty list gives a column of no rows."""
-    parts = (e if isinstance(e, casadi.SX) else casadi.SX(e) for e in expressions)
-    return casadi.vertcat(casadi.SX(0, 1), *parts)
+    parts = [expression(each) for each in expressions]
+    if len(parts) > 1:
+        return casadi.vertcat(*parts)
+    return parts[0] if parts else casadi.SX(0, 1)
+
+
+def expression(value: Any) -> Expr:
+    """Return an expression as it is, which is quicker than a copy, or that of a number."""
+    return value if isinstance(value, casadi.SX) else casadi.SX(value)
 
 
 def relation(expression: Expr, where: str) -> tuple[Expr, bool]:
@@ -171,5 +178,5 @@ def declared(words: Sequence[str], kind: Role, names: Any) -> tuple[Expr, ...]:
         if word in words[:k]:
             raise ProblemError(f"{kind}s({shown(names)}): '{word}' is declared twice")
     symbols = tuple(casadi.SX.sym(word) for word in words)
-    _ROLES.update(dict.fromkeys(symbols, kind))
+    _ROLES.update((hash(symbol), (symbol, kind)) for symbol in symbols)
     return symbols
