@@ -20,6 +20,7 @@ _POWERS = {
 }
 _COMMUTE = {casadi.OP_ADD, casadi.OP_MUL}
 
+Lines = list[list[Expr]]
 Powers = dict[int, tuple[Expr, int]]  # factors by what they are, with their integer powers
 
 
@@ -30,15 +31,12 @@ def primitive(entries: Expr) -> tuple[Expr, Expr]:
     Factors are found in products, quotients and sums of them as they are written; nothing is
     multiplied out.
     """
-    filled = [k for k in range(entries.numel()) if not entries[k].is_zero()]
-    if (
-        not filled
-        or casadi.Function("n", casadi.symvar(entries), [entries]).n_instructions() > _LARGEST
-    ):
+    filled = {k: e for k, e in enumerate(entries.elements()) if not e.is_zero()}
+    if not filled or casadi.n_nodes(entries) > _LARGEST:
         return casadi.SX(1), entries
     factors = _Factors()
     try:
-        split = [factors.of(entries[k]) for k in filled]
+        split = [factors.of(e) for e in filled.values()]
     except (
         RecursionError
     ):  # a product or sum of a thousand terms, nested: to find no factors loses none
@@ -48,7 +46,7 @@ def primitive(entries: Expr) -> tuple[Expr, Expr]:
         common = _shared(common, powers)
     rest = casadi.SX(entries)
     for k, (number, powers) in zip(filled, split, strict=True):
-        rest[k] = number * _product(_times(powers, common, -1))
+        rest[k] = _scaled(number, _product(_times(powers, common, -1)))
     return _product(common), rest
 
 
@@ -56,20 +54,26 @@ def determinant(matrix: Expr) -> Expr:
     """Return the determinant of a small matrix (n, n) by minors along its emptiest row, zeros
     skipped.
     """
-    n = matrix.shape[0]
-    if n == 0:
+    return _determinant(_lines(matrix))
+
+
+def _lines(matrix: Expr) -> Lines:
+    """Return the entries of a matrix row by row."""
+    entries, rows = matrix.elements(), matrix.size1()
+    return [entries[i::rows] for i in range(rows)]
+
+
+def _determinant(lines: Lines) -> Expr:
+    if not lines:
         return casadi.SX(1)
-    counts = [sum(not matrix[i, j].is_zero() for j in range(n)) for i in range(n)]
-    row = counts.index(min(counts))
+    filled = [[j for j, e in enumerate(line) if not e.is_zero()] for line in lines]
+    row = min(range(len(lines)), key=lambda i: len(filled[i]))
+    others = lines[:row] + lines[row + 1 :]
     total = casadi.SX(0)
-    for j in range(n):
-        if not matrix[row, j].is_zero():
-            keep = [k for k in range(n) if k != j]
-            total += (
-                (-1) ** (row + j)
-                * matrix[row, j]
-                * determinant(matrix[[k for k in range(n) if k != row], keep])
-            )
+    for j in filled[row]:
+        minor = _determinant([line[:j] + line[j + 1 :] for line in others])
+        term = lines[row][j] * minor
+        total = total - term if (row + j) % 2 else total + term
     return total
 
 
@@ -77,12 +81,14 @@ def cramer(matrix: Expr, right: Expr) -> tuple[Expr, Expr]:
     """Return (numerators (n, 1), determinant) of the solution of matrix (n, n) times unknowns =
     right (n, 1).
     """
-    numerators = []
-    for k in range(matrix.shape[0]):
-        replaced = casadi.SX(matrix)
-        replaced[:, k] = right
-        numerators.append(determinant(replaced))
-    return column(numerators), determinant(matrix)
+    lines, entries = _lines(matrix), right.elements()
+    numerators = [
+        _determinant(
+            [[*line[:k], e, *line[k + 1 :]] for line, e in zip(lines, entries, strict=True)]
+        )
+        for k in range(len(lines))
+    ]
+    return column(numerators), _determinant(lines)
 
 
 def ratio(numerator: Expr, denominator: Expr) -> Expr:
@@ -96,7 +102,7 @@ def ratio(numerator: Expr, denominator: Expr) -> Expr:
         number, powers = _Factors().of(reduced[0])
     except RecursionError:
         return reduced[0] / reduced[1]
-    return number / float(reduced[1]) * _product(powers)
+    return _scaled(number / float(reduced[1]), _product(powers))
 
 
 @final
@@ -162,8 +168,8 @@ class _Factors:
         common = _shared(left, right)
         if not common:
             return 1.0, {} if self._unit_circle(e) else self._single(e)
-        total = a * _product(_times(left, common, -1))
-        total += sign * b * _product(_times(right, common, -1))
+        total = _scaled(a, _product(_times(left, common, -1)))
+        total += _scaled(sign * b, _product(_times(right, common, -1)))
         if total.is_constant() or self._unit_circle(total):
             return float(total) if total.is_constant() else 1.0, common
         return 1.0, _times(common, self._single(total))
@@ -203,10 +209,15 @@ def _shared(left: Powers, right: Powers) -> Powers:
     return found
 
 
+def _scaled(number: float, e: Expr) -> Expr:
+    """Return a number times an expression; one is most numbers, and costs as much as any."""
+    return e if number == 1.0 else number * e
+
+
 def _product(powers: Powers) -> Expr:
     above, below = (
         [f if abs(n) == 1 else f ** abs(n) for f, n in powers.values() if sign * n > 0]
         for sign in (1, -1)
     )
-    over = reduce(mul, above, casadi.SX(1)) if len(above) != 1 else above[0]
+    over = reduce(mul, above) if above else casadi.SX(1)
     return over / reduce(mul, below) if below else over

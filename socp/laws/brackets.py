@@ -11,7 +11,7 @@ from typing import final
 
 import casadi
 
-from socp.model import Expr, Problem, final_time, initial_time, time
+from socp.model import Expr, Problem, final_time, initial_time, of_motion, once, time
 
 
 @final
@@ -48,6 +48,8 @@ def flow(problem: Problem, control: Expr) -> Flow:
     return Flow(problem, rate, casadi.sparsify(matrix))
 
 
+@of_motion
+@once
 def extended_costate(problem: Problem) -> Expr:
     """Return z = (lambda, 1) as a column (nx + 1, 1)."""
     return casadi.vertcat(problem.costate, 1)

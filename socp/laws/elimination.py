@@ -22,6 +22,9 @@ _MINORS = 7  # rows at most of a determinant by minors: one more takes as many t
 _CHOICES = 400  # pivot columns tried at most; fewer than this for ten states and three conditions
 
 
+Sizes = tuple[np.ndarray, np.ndarray]  # of rows (m,) and of z (n,)
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class Feedback:
@@ -51,8 +54,9 @@ def feedback(setting: Setting, chain: Derivatives) -> Feedback | None:
     """
     for extra in ([], setting.energy) if setting.energy else ([],):
         rows = casadi.vertcat(*chain.rows, *extra)
-        if _independent(setting, chain, rows):
-            control = _eliminated(setting, chain, rows)
+        sizes = _sizes(setting, rows)
+        if _independent(setting, chain, rows, sizes):
+            control = _eliminated(setting, chain, rows, sizes)
             if control is not None:
                 return Feedback(control, bool(extra))
     return None
@@ -63,7 +67,7 @@ def surface(setting: Setting, chain: Derivatives) -> Expr:
     no costate.
     """
     rows = casadi.vertcat(*chain.rows, *setting.energy)
-    picked, columns = _pivots(setting, chain.points, rows)
+    picked, columns = _pivots(setting, chain.points, rows, _sizes(setting, rows))
     if not picked:
         return casadi.SX(0, 1)
     found = []
@@ -79,20 +83,19 @@ def surface(setting: Setting, chain: Derivatives) -> Expr:
     return column(found)
 
 
-def _independent(setting: Setting, chain: Derivatives, rows: Expr) -> bool:
-    """Tell whether the control is the same for all costates that satisfy the rows at a point."""
+def _independent(setting: Setting, chain: Derivatives, rows: Expr, sizes: Sizes) -> bool:
+    """Tell whether the control is the same for all costates that satisfy the rows, of given sizes,
+    at a point.
+    """
     problem, k = setting.problem, len(chain.rest)
     entries = [row for line in chain.slopes for row in line] + chain.rest
     values = probes.evaluator(problem, rows, casadi.vertcat(*entries), extended_costate(problem))
-    conditions, parts, z = values(chain.points)
-    sizes = _sizes(setting, rows)
-    random, width = np.random.default_rng(3), np.ptp(problem.box[:, list(setting.singular)], axis=0)
-    alike = []
-    for a, e, z0 in zip(conditions, parts, z[:, :, 0], strict=True):
-        if not np.isfinite(a).all() or not np.isfinite(e).all():
-            continue
-        kernel = _kernel(a, *sizes)
-        laws = [_solved(e @ v, k) for v in (z0, kernel @ random.standard_normal(kernel.shape[1]))]
+    found = values(chain.points)
+    finite = np.isfinite(found[0]).all(axis=(1, 2)) & np.isfinite(found[1]).all(axis=(1, 2))
+    conditions, parts, z = (each[finite] for each in found)
+    width, alike = np.ptp(problem.box[:, list(setting.singular)], axis=0), []
+    for e, z0, other in zip(parts, z[:, :, 0], _others(conditions, *sizes), strict=True):
+        laws = [_solved(e @ v, k) for v in (z0, other)]
         if np.isfinite(laws).all():
             alike.append(
                 bool(
@@ -102,7 +105,7 @@ def _independent(setting: Setting, chain: Derivatives, rows: Expr) -> bool:
     return bool(np.mean(alike) > 0.5) if alike else False
 
 
-def _sizes(setting: Setting, rows: Expr) -> tuple[np.ndarray, np.ndarray]:
+def _sizes(setting: Setting, rows: Expr) -> Sizes:
     """Return the sizes of rows (m,) and of z (n,) over the admissible points; on the arc some may
     vanish.
     """
@@ -120,23 +123,28 @@ def _solved(values: np.ndarray, k: int) -> np.ndarray:
         return np.full(k, np.nan)
 
 
-def _kernel(matrix: np.ndarray, of_rows: np.ndarray, of_z: np.ndarray) -> np.ndarray:
-    """Return a basis of the vectors (n, d) that a matrix (m, n), its rows and z of given sizes,
-    sends to zero.
+def _others(matrices: np.ndarray, of_rows: np.ndarray, of_z: np.ndarray) -> np.ndarray:
+    """Return random vectors z (k, n) that matrices (k, m, n), their rows and z of given sizes, send
+    to zero.
     """
-    _, s, vt = np.linalg.svd(matrix * of_z / of_rows[:, None])
-    kernel: np.ndarray = vt[int((s > _RANK * s[0]).sum()) :].T * of_z[:, None]
-    return kernel
+    _, s, vt = np.linalg.svd(matrices * of_z / of_rows[:, None])
+    rank = (s > _RANK * s[:, :1]).sum(axis=1)
+    weights = np.random.default_rng(3).standard_normal(vt.shape[:2])
+    weights[np.arange(vt.shape[1]) < rank[:, None]] = 0.0
+    z: np.ndarray = np.einsum("kij,ki->kj", vt, weights) * of_z
+    return z
 
 
-def _pivots(setting: Setting, points: np.ndarray, rows: Expr) -> tuple[list[int], list[int]]:
-    """Return rows and as many columns whose determinant is farthest from zero at the points,
-    earlier rows preferred.
+def _pivots(
+    setting: Setting, points: np.ndarray, rows: Expr, sizes: Sizes
+) -> tuple[list[int], list[int]]:
+    """Return rows, of given sizes, and as many columns whose determinant is farthest from zero at
+    the points, earlier rows preferred.
 
     Both are empty where there are none, or so many that a determinant by minors would take too
     long.
     """
-    of_rows, of_z = _sizes(setting, rows)
+    of_rows, of_z = sizes
     matrix = probes.evaluator(setting.problem, rows)(points)[0] * of_z / of_rows[:, None]
     matrix = matrix[np.isfinite(matrix).all(axis=(1, 2))]
     if not matrix.size:
@@ -150,15 +158,15 @@ def _pivots(setting: Setting, points: np.ndarray, rows: Expr) -> tuple[list[int]
     if not picked or len(picked) > _MINORS:
         return [], []
     choices = [c for c, _ in zip(combinations(filled, len(picked)), range(_CHOICES), strict=False)]
-    sizes = [
+    least = [
         np.quantile(np.abs(np.linalg.det(matrix[:, picked][:, :, list(c)])), 0.25) for c in choices
     ]
-    return picked, list(choices[int(np.argmax(sizes))])
+    return picked, list(choices[int(np.argmax(least))])
 
 
-def _eliminated(setting: Setting, chain: Derivatives, rows: Expr) -> Expr | None:
+def _eliminated(setting: Setting, chain: Derivatives, rows: Expr, sizes: Sizes) -> Expr | None:
     """Put a costate that satisfies the rows into the law: any will do, so one without quotients."""
-    picked, columns = _pivots(setting, chain.points, rows)
+    picked, columns = _pivots(setting, chain.points, rows, sizes)
     if not picked:
         return None
     candidates = []

@@ -93,12 +93,17 @@ class Search:
             casadi.mtimes(stack, z),
             casadi.mtimes(casadi.fabs(stack), casadi.fabs(z)),
         )
-        value, terms = (each[:, :, 0] for each in evaluate(self.points))
-        found: np.ndarray = probes.real(
-            self.setting.problem, lambda at: evaluate(at)[0][:, :, 0], self.points
-        )
+        both: list[np.ndarray] = []
+
+        def values(at: np.ndarray) -> np.ndarray:
+            both.extend(each[:, :, 0] for each in evaluate(at))
+            return both[0]
+
+        found: np.ndarray = probes.real(self.setting.problem, values, self.points)
+        value, terms = (each[: len(found)] for each in both)
         with np.errstate(invalid="ignore"):
-            return found & (np.abs(value) > _LEVEL * terms)
+            found &= np.abs(value) > _LEVEL * terms
+        return found
 
     def holds(self, rows: Sequence[Expr]) -> bool:
         """Tell whether a row differs from zero at most of the points."""
@@ -149,12 +154,9 @@ def split(search: Search, link: Link) -> tuple[Expr, list[Expr]]:
     """
     unknown = search.setting.unknown
     row = search.touch.flow.of_row(link.row)
-    slopes = casadi.jacobian(row.T, unknown)
-    rest = casadi.substitute(row, unknown, casadi.SX.zeros(unknown.numel(), 1))
-    return rest, [
-        casadi.substitute(slopes[:, k].T, unknown, casadi.SX.zeros(unknown.numel(), 1))
-        for k in range(unknown.numel())
-    ]
+    given = [row, casadi.jacobian(row.T, unknown).T]
+    rest, slopes = casadi.substitute(given, [unknown], [casadi.SX.zeros(unknown.numel(), 1)])
+    return rest, casadi.vertsplit(slopes)
 
 
 def _goh(search: Search, slopes: list[Expr], depth: int) -> Search:

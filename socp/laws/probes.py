@@ -3,12 +3,13 @@ there.
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import casadi
 import numpy as np
 
 from socp.laws.drawing import guessed_ends, reachable_points
-from socp.model import TINY, Expr, Problem, numbers, of_motion, once, time
+from socp.model import TINY, Expr, Problem, expression, numbers, of_motion, once, time
 
 COUNT = 24  # points; a false "zero" would need chance to strike at most of them
 # Points where COUNT of them are too few: what is looked for may lie in a corner of the states
@@ -34,6 +35,8 @@ _FAR = 1e3  # spreads: a point moved further than this lies where the problem do
 Evaluate = Callable[[np.ndarray], tuple[np.ndarray, ...]]
 
 
+@of_motion
+@once
 def symbols(problem: Problem) -> Expr:
     """Return all that a point gives values to: t, x, p, the costate and the controls, as one column
     (nv, 1).
@@ -45,9 +48,7 @@ def evaluator(problem: Problem, *expressions: Expr) -> Evaluate:
     """Return a function of points (nv, n) that gives an array (n, rows, columns) for every
     expression.
     """
-    function = casadi.Function(
-        "e", [symbols(problem)], [casadi.densify(casadi.SX(e)) for e in expressions]
-    )
+    function = casadi.Function("e", [symbols(problem)], [expression(e) for e in expressions])
 
     def evaluate(points: np.ndarray) -> tuple[np.ndarray, ...]:
         n, found = points.shape[1], numbers(function, points)
@@ -138,9 +139,7 @@ def onto(
         return points
     first = 1 + problem.x.numel() + problem.p.numel()
     movable = np.r_[1 : 1 + problem.x.numel(), first : first + problem.x.numel()]
-    evaluate = evaluator(
-        problem, equations, casadi.jacobian(equations, symbols(problem)[movable.tolist()])
-    )
+    evaluate = evaluator(problem, equations, casadi.jacobian(equations, _movable(problem)))
     size, start = spread(problem)[movable], points[movable]
     weights = np.where(np.arange(size.size) < problem.x.numel(), _INERTIA * size, size)[:, None]
     room = _room(problem) if interior else None
@@ -148,7 +147,9 @@ def onto(
     active, before = np.arange(points.shape[1]), np.full(points.shape[1], np.inf)
     for k in range(_PASSES):
         weight = weights if room is None else np.minimum(weights, room(points[:, active]))
-        there, step, left = _newton(evaluate, points[:, active], weight)
+        # at all points: a new number of them costs more to prepare for than to evaluate
+        value, slope = (each[active] for each in evaluate(points))
+        there, step, left = _newton(value[:, :, 0], slope, weight)
         points[np.ix_(movable, active)] += (
             step  # of those that are there once more: the error squares
         )
@@ -168,6 +169,13 @@ def onto(
             room(points)[: problem.x.numel()] > _INERTIA * _TOUCH * size[: problem.x.numel(), None]
         ).all(axis=0)
     return _within(problem, points[:, arrived])
+
+
+@of_motion
+@once
+def _movable(problem: Problem) -> Expr:
+    """Return the symbols of states and costates, which points are moved in, as one column."""
+    return casadi.vertcat(problem.x, problem.costate)
 
 
 def points_on(problem: Problem, held: Expr) -> np.ndarray:
@@ -225,20 +233,25 @@ def real(
     problem: Problem, value: Callable[[np.ndarray], np.ndarray], points: np.ndarray
 ) -> np.ndarray:
     """Tell for every entry of value(points) (n, ...) at every point whether it is a number, not
-    round-off.
+    round-off. It is called once, at these points and after them at others nearby.
     """
-    random, n = np.random.default_rng(1), points.shape[1]
+    n = points.shape[1]
     size = spread(problem)[
         :, None
     ]  # not of these points, on which a symbol may be round-off itself
-    moved = [points + _NUDGE * size * random.standard_normal(points.shape) for _ in range(4)]
+    moved = points + _NUDGE * size * _directions(points.shape)
     values = value(np.hstack([points, *moved]))
-    base = values[:n]
-    found: np.ndarray = np.isfinite(base) & (base != 0)
+    base, others = values[:n], values[n:].reshape(4, *values[:n].shape)
     with np.errstate(invalid="ignore"):
-        for k in range(1, 5):
-            found &= np.abs(values[k * n : (k + 1) * n] - base) < 1e-2 * np.abs(base)
+        same = (np.abs(others - base) < 1e-2 * np.abs(base)).all(axis=0)
+    found: np.ndarray = same & np.isfinite(base) & (base != 0)
     return found
+
+
+@lru_cache(maxsize=16)  # a problem is probed at few counts of points, over and over
+def _directions(shape: tuple[int, ...]) -> np.ndarray:
+    """Return four random directions (4, nv, n) in which points (nv, n) are moved."""
+    return np.random.default_rng(1).standard_normal((4, *shape))
 
 
 def _room(problem: Problem) -> Callable[[np.ndarray], np.ndarray]:
@@ -257,16 +270,15 @@ def _room(problem: Problem) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def _newton(
-    evaluate: Evaluate, points: np.ndarray, weight: np.ndarray
+    value: np.ndarray, slope: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which points lie on the surface (n,), the steps (m, n), and residuals (n,) relative to
-    their terms.
+    """Return which points, of values (n, k) and slopes (n, k, m), lie on the surface (n,), the
+    steps (m, n), and residuals (n,) relative to their terms.
 
     Steps are measured by the sizes `weight` (m, n) of the symbols that may move.
     """
     with np.errstate(all="ignore"):
-        value, slope = evaluate(points)
-        value, scaled = value[:, :, 0], slope * weight.T[:, None, :]
+        scaled = slope * weight.T[:, None, :]
         terms = np.abs(scaled).sum(axis=2)
         arrived = (np.abs(value) <= _CLOSE * terms).all(axis=1)
         rows = np.where(terms > 0, terms, 1.0)

@@ -43,7 +43,7 @@ class Setting:
     boundary: Mapping[int, Constraint] = field(default_factory=dict)
     varying: Expr = field(default_factory=lambda: casadi.SX(0, 1))
 
-    @property
+    @cached_property
     def unknown(self) -> Expr:
         """Symbols of the singular controls (k, 1)."""
         return column(self.problem.u[i] for i in self.singular)

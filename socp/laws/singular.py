@@ -148,8 +148,9 @@ def _sorted(search: Search) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros(search.points.shape[1], dtype=bool), np.ones(
             search.points.shape[1], dtype=bool
         )
-    held: np.ndarray = np.any(search.real(slopes), axis=1)
-    left: np.ndarray = ~held & search.real([rest])[:, 0]
+    found = search.real([*slopes, rest])
+    held: np.ndarray = np.any(found[:, :-1], axis=1)
+    left: np.ndarray = ~held & found[:, -1]
     return held, left
 
 

@@ -97,6 +97,7 @@ from .result.solution import Stop as Stop
 from .symbols import Expr as Expr
 from .symbols import column as column
 from .symbols import controls as controls
+from .symbols import expression as expression
 from .symbols import final_time as final_time
 from .symbols import free as free
 from .symbols import initial as initial

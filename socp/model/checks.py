@@ -306,7 +306,8 @@ def _acts(fields: Expr) -> np.ndarray:
     known = np.isfinite(values).all(axis=1)
     acts = (values.any(axis=1) & known).any(axis=0)
     acts |= ~known.any(axis=0)
-    return np.array([fields[:, k].nnz() > 0 for k in range(acts.size)], dtype=bool) & acts
+    acts &= np.array([fields[:, k].nnz() > 0 for k in range(acts.size)], dtype=bool)
+    return np.asarray(acts)
 
 
 def _named(problem: "Problem") -> None:
