@@ -17,6 +17,7 @@ from socp.laws import elimination as eliminate
 from socp.laws import probes
 from socp.laws.brackets import extended_costate
 from socp.laws.contacts import constraint_of
+from socp.laws.links import LostError
 from socp.laws.setting import Contact, Setting, contact, equations
 from socp.laws.singular import Derivatives, at_values, derivatives, matrix_of
 from socp.model import Expr, Mode, Modes, Problem, cached, column, of_motion, once
@@ -223,10 +224,21 @@ def arc(problem: Problem, modes: Modes, *, constant: bool) -> ArcPrinciple:
 
 
 def forget_derivation(problem: Problem) -> None:
-    """Forget the arcs for which no law was found: points noted since then may show one."""
+    """Forget the arcs for which no law was found, unless it is proved that there is none: points
+    noted since then may show one.
+    """
     known = cached(problem, _found)
-    for key in [key for key, found in known.items() if isinstance(found, MethodError)]:
-        del known[key]
+    for key, found in [*known.items()]:
+        proved = isinstance(found, LostError) and found.proved
+        if isinstance(found, MethodError) and not proved:
+            del known[key]
+
+
+@of_motion
+@once
+def _tried(_problem: Problem) -> dict[tuple[Modes, bool], int]:
+    """Return from how many sets of noted points no law was found, by arc: nor from random ones."""
+    return {}
 
 
 @of_motion
@@ -245,20 +257,23 @@ def _found(problem: Problem, modes: Modes, constant: bool) -> ArcPrinciple | Met
         if setting.singular:
             in_time(setting.name(), _LONGER * spent.get((modes, constant), 0.0))
         touch = contact(setting)
-        return ArcPrinciple(setting, touch, _chain(setting, touch, modes))
+        chain = _chain(setting, touch, modes, _tried(problem).get((modes, constant)))
+        return ArcPrinciple(setting, touch, chain)
     except LateError:  # what is not known for want of time is not known to be none
         took = time.monotonic() - began
         spent[modes, constant] = max(took, spent.get((modes, constant), 0.0))
         raise
     except MethodError as error:
+        _tried(problem)[modes, constant] = len(probes.noted_points(problem))
         return error
 
 
-def _chain(setting: Setting, touch: Contact, modes: Modes) -> Derivatives | None:
+def _chain(setting: Setting, touch: Contact, modes: Modes, tried: int | None) -> Derivatives | None:
     """Return the derivatives on an arc with singular controls, None on others.
 
     They are those with the bang controls left open, the values of these put in, wherever that
-    determines the singular controls too: one derivation serves all bounds.
+    determines the singular controls too: one derivation serves all bounds. From so many sets of
+    noted points they were not found before, nor from random ones.
     """
     if not setting.singular:
         return None
@@ -269,4 +284,4 @@ def _chain(setting: Setting, touch: Contact, modes: Modes) -> Derivatives | None
             found = known.chain and at_values(known.chain, setting, touch)
             if found is not None:
                 return found
-    return derivatives(setting, touch)
+    return derivatives(setting, touch, tried)

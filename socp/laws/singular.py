@@ -41,16 +41,17 @@ class Derivatives:
     points: np.ndarray
 
 
-def derivatives(setting: Setting, touch: Contact) -> Derivatives:
+def derivatives(setting: Setting, touch: Contact, tried: int | None = None) -> Derivatives:
     """Differentiate sigma of every singular control until singular controls appear in all of them.
 
     Where the surface of the conditions has several branches, each is followed until one shows a
     law. Raises MethodError, naming the case, where no control appears, proved to be so or not, no
     point satisfies the conditions, the controls do not follow from them, or a control that varies
-    freely would have to be differentiated.
+    freely would have to be differentiated. Where so many sets of noted points were `tried` before,
+    and random ones, there are only the others to begin from.
     """
     first: LostError | None = None
-    for points in _sources(setting.problem):
+    for points in _sources(setting.problem, tried):
         if first is not None and first.proved:
             break
         try:
@@ -106,11 +107,15 @@ def at_values(chain: Derivatives, setting: Setting, touch: Contact) -> Derivativ
     )
 
 
-def _sources(problem: Problem) -> Iterator[np.ndarray]:
+def _sources(problem: Problem, tried: int | None) -> Iterator[np.ndarray]:
     """Yield points (nv, n) to begin from: those that solutions show, random ones, and many of them
-    scattered widely.
+    scattered widely; those alone that were noted since so many were `tried` with the random ones.
     """
-    yield from probes.noted_points(problem)
+    noted = probes.noted_points(problem)  # the latest first
+    if tried is not None and tried < len(noted):
+        yield from noted[: len(noted) - tried]
+        return
+    yield from noted
     yield probes.admissible(problem)
     yield probes.scattered_points(problem)
 

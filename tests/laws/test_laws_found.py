@@ -15,10 +15,11 @@ from socp import laws
 from socp.errors import MethodError
 from socp.laws import book as lawbook
 from socp.laws import elimination as eliminate
-from socp.laws import principle
+from socp.laws import principle, singular
 from socp.laws import probes as sampled
 from socp.laws.drawing import horizon
 from socp.laws.invariant import spans
+from socp.laws.links import LostError
 from socp.laws.principle import ArcPrinciple, setting_of
 from socp.laws.setting import contact
 from socp.methods.chain import run
@@ -399,6 +400,43 @@ def test_failures_are_kept_until_points_are_noted(monkeypatch: pytest.MonkeyPatc
     with pytest.raises(MethodError):
         laws.derive(own, ("u",))
     assert len(calls) == 2
+
+
+def test_points_from_which_no_law_was_found_are_not_tried_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    own, begun_from = corner(1e-5), []
+    begin = singular.begun
+    monkeypatch.setattr(
+        singular,
+        "begun",
+        lambda setting, touch, points, *more: (
+            begun_from.append(points.shape[1]) or begin(setting, touch, points, *more)
+        ),
+    )
+    for noted in (0, 3, 2):
+        if noted:
+            sampled.note_points(own, sampled.admissible(own)[:, :noted])
+        principle.forget_derivation(own)
+        with pytest.raises(MethodError):
+            laws.derive(own, ("u",))
+    assert begun_from[-2:] == [3, 2], begun_from
+    assert begun_from.count(sampled.COUNT) == 1
+
+
+def test_that_there_is_no_law_is_not_forgotten_where_it_is_proved(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    own = problem(minimise=y, dynamics={x: u, y: -y}, start={x: 1, y: 1}, final_time=5)
+    calls: list[int] = []
+    chain = principle.derivatives
+    monkeypatch.setattr(principle, "derivatives", lambda *given: calls.append(1) or chain(*given))
+    for _ in range(2):
+        with pytest.raises(LostError, match="infinite order") as caught:
+            laws.derive(own, ("u",))
+        assert caught.value.proved
+        principle.forget_derivation(own)
+    assert len(calls) == 1
 
 
 # -- the law with the costate is always there
