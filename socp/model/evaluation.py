@@ -199,7 +199,7 @@ def numbers(function: casadi.Function, *given: np.ndarray | float) -> list[np.nd
     """
     asked, told = _ports(function)
     columns, counts = [], {1}
-    for each, (size, entries) in zip(given, asked, strict=True):
+    for each, (size, _, entries) in zip(given, asked, strict=True):
         if size:
             value = np.asarray(each, dtype=float)
             whole = value.ndim == 2 and len(value) == size
@@ -212,14 +212,14 @@ def numbers(function: casadi.Function, *given: np.ndarray | float) -> list[np.nd
     if not counts <= {0, 1, count}:
         raise _sized(function, given)
     if not count:  # casadi maps over one column at least
-        return [np.empty((rows, 0)) for rows, _, _ in told]
+        return [np.empty((rows, 0)) for rows, *_ in told]
     desks: dict[tuple[int], _Desk] = vars(function).setdefault(_DESK, {})
     desk = desks.pop((count,), None) or _Desk(function, count)  # nobody else works on it meanwhile
     for own, column in zip(desk.asked, columns, strict=True):
         own[:] = column
     desk.trigger()
     found = []
-    for (rows, width, entries), at in zip(told, desk.found, strict=True):
+    for (rows, width, _, entries), at in zip(told, desk.found, strict=True):
         if entries is None:
             filled = at.copy()
         else:
@@ -248,14 +248,12 @@ class _Desk:
     """
 
     def __init__(self, function: casadi.Function, count: int) -> None:
-        self.function = function.map(count)
+        asked, told = _ports(function)
+        self.function = function.map(count) if count > 1 else function
         self.buffer, self.trigger = self.function.buffer()
-        inward = [function.nnz_in(i) for i in range(function.n_in())]
-        outward = [function.nnz_out(i) for i in range(function.n_out())]
-        self.given, self.found = (
-            [np.zeros((count, each)) for each in sizes] for sizes in (inward, outward)
-        )
-        self.asked = [each for i, each in enumerate(self.given) if function.numel_in(i)]
+        self.given = [np.zeros((count, kept)) for _, kept, _ in asked]
+        self.found = [np.zeros((count, kept)) for *_, kept, _ in told]
+        self.asked = [each for each, (size, *_) in zip(self.given, asked, strict=True) if size]
         for place, arrays in ((self.buffer.set_arg, self.given), (self.buffer.set_res, self.found)):
             for i, each in enumerate(arrays):
                 if each.size:
@@ -265,19 +263,23 @@ class _Desk:
 @once
 def _ports(
     function: casadi.Function,
-) -> tuple[list[tuple[int, np.ndarray | None]], list[tuple[int, int, np.ndarray | None]]]:
-    """Return the size of every argument and the rows and columns of every result, each with which
-    of its entries casadi keeps, None for all of them.
+) -> tuple[list[tuple[int, int, np.ndarray | None]], list[tuple[int, int, int, np.ndarray | None]]]:
+    """Return the size of every argument and the rows and columns of every result, each with how
+    many of its entries casadi keeps, and which, None for all of them. To ask casadi costs as much
+    as many evaluations.
     """
     asked = [function.sparsity_in(i) for i in range(function.n_in())]
     told = [function.sparsity_out(i) for i in range(function.n_out())]
 
-    def kept(sparsity: casadi.Sparsity) -> np.ndarray | None:
-        return None if sparsity.is_dense() else np.array(sparsity.find(), dtype=int)
+    def kept(sparsity: casadi.Sparsity, size: int) -> tuple[int, np.ndarray | None]:
+        count = sparsity.nnz()
+        return count, None if count == size else np.array(sparsity.find(), dtype=int)
 
+    given = [(each, each.numel()) for each in asked]
+    found = [(each, each.size1(), each.size2()) for each in told]
     return (
-        [(each.numel(), kept(each)) for each in asked],
-        [(*each.shape, kept(each)) for each in told],
+        [(size, *kept(each, size)) for each, size in given],
+        [(rows, width, *kept(each, rows * width)) for each, rows, width in found],
     )
 
 
