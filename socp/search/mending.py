@@ -2,7 +2,7 @@
 is wrong.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import chain, islice, pairwise, product
 
 import numpy as np
@@ -24,7 +24,10 @@ def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Ca
     gone = [k for k, (a, b) in enumerate(pairwise(now.edges)) if b - a <= shortest]
     if gone:
         yield merged(without_short_arcs(now, shortest))
-    yield from (_dropped(now, place) for place in _slack(solution))
+    slack = list(_slack(solution))
+    if len(slack) > 1:
+        yield _dropped(now, slack)
+    yield from (_dropped(now, [place]) for place in slack)
     if gone:
         yield from (_swapped(now, k) for k in gone if 0 < k < len(now.arcs) - 1)
     yield from _outside(problem, now)
@@ -58,22 +61,21 @@ def _slack(solution: Solution) -> Iterator[Place]:
         yield from (place for place, margin in solution.verdict.margins.items() if margin <= level)
 
 
-def _dropped(given: Candidate, place: Place) -> Candidate:
-    """Return a candidate whose control goes on with its neighbouring mode on one of its
-    stretches.
-    """
-    if place.control is None or place.stretch is None:
-        return given
-    i, k = given.source.control_names.index(place.control), place.stretch - 1
-    row = given.source.structure[place.control]
-    if len(row) == 1:
-        return given
-    neighbour = row[k - 1][0] if k else row[1][0]
-    _, a, b = row[k]
-    arcs = []
-    for arc, (start, end) in zip(given.arcs, pairwise(given.edges), strict=True):
-        inside = a <= (start + end) / 2.0 <= b
-        arcs.append((*arc[:i], Mode.parse(neighbour), *arc[i + 1 :]) if inside else arc)
+def _dropped(given: Candidate, places: Sequence[Place]) -> Candidate:
+    """Return a candidate whose controls go on with the modes beside some of their stretches."""
+    arcs = list(given.arcs)
+    middles = [(start + end) / 2.0 for start, end in pairwise(given.edges)]
+    for i, name in enumerate(given.source.control_names):
+        row = given.source.structure[name]
+        gone = [each.stretch - 1 for each in places if each.control == name and each.stretch]
+        left = [k for k in range(len(row)) if k not in gone]
+        for k in gone if left else ():
+            beside = max((j for j in left if j < k), default=left[0])
+            mode, (_, a, b) = Mode.parse(row[beside][0]), row[k]
+            arcs = [
+                (*arc[:i], mode, *arc[i + 1 :]) if a <= t <= b else arc
+                for arc, t in zip(arcs, middles, strict=True)
+            ]
     return merged(Candidate(tuple(arcs), given.edges, given.source))
 
 

@@ -14,6 +14,7 @@ from socp.model.result.solution import Stop
 from socp.model.symbols import final_time
 from socp.model.word import Mode
 from socp.process import time_limit
+from socp.search import refinement
 from socp.search.candidate import Candidate, insert, merged
 from socp.search.conclusion import explanation
 from socp.search.effort import Ration, Search
@@ -251,6 +252,45 @@ def test_a_stretch_without_a_strict_sign_is_dropped() -> None:
     assert [spelt(each) for each in mends(problem, tried, solved(tried, verdict))] == [
         ["+ -", "s -"]
     ]
+
+
+def test_stretches_without_strict_signs_are_dropped_at_once_and_then_one_by_one() -> None:
+    tried = made("+ -", "s -", "- -", "+ -")
+    signs = (("+", 0.1), ("s", 0.1), ("-", 0.0), ("+", 0.0))
+    margins = {
+        Place(control="u", stretch=number, mode=Mode.parse(mode)): margin
+        for number, (mode, margin) in enumerate(signs, start=1)
+    }
+    finding = Finding(kind=Condition.SWITCH, residual=1e-8)
+    verdict = Verdict(miss=0.0, margins=margins, findings=(finding,))
+    assert [spelt(each) for each in mends(problem, tried, solved(tried, verdict))] == [
+        ["+ -", "s -"],
+        ["+ -", "s -", "+ -"],
+        ["+ -", "s -", "- -"],
+    ]
+
+
+@pytest.mark.parametrize(
+    ("residuals", "drift", "asked"),
+    [
+        ({Condition.SWITCH: 1e-7}, 0.0, False),  # all holds: an arc is slack
+        ({Condition.INSIDE: 1e-5, Condition.SWITCH: 1e-12}, 0.0, False),  # no root is off
+        ({Condition.INSIDE: 1e-5, Condition.SWITCH: 1e-6}, 0.0, True),
+        ({Condition.SWITCH: 1e-7}, 1e-5, True),
+        ({Condition.SWITCH: 1e-3}, 0.0, False),  # too far
+    ],
+)
+def test_newton_is_asked_where_what_it_solves_is_amiss(
+    residuals: dict[Condition, float], drift: float, asked: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = list[Solution]()
+    monkeypatch.setattr(refinement, "polished", lambda _, each: calls.append(each))
+    findings = tuple(Finding(kind=kind, residual=each) for kind, each in residuals.items())
+    margins = {Place(control="u", stretch=1, mode=Mode("upper")): 0.0}
+    verdict = Verdict(miss=0.0, drift=drift, findings=findings, margins=margins)
+    given = solved(made("+ -"), verdict)
+    assert refinement._settled(problem, given) is given
+    assert bool(calls) is asked
 
 
 @pytest.mark.parametrize(("top", "found"), [(3.0, [["+ -", "b[x.upper] -", "- -"]]), (2.5, [])])
