@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import final
 
 from socp.methods.contract import solve_collocated
+from socp.methods.polish import plausible, polished_along
 from socp.model import OUTSIDE, Problem, Solution, Stop, Watch, Word, silent
 from socp.solvers import Solver, default_backend
 from socp.transcription import (
@@ -18,6 +19,7 @@ from socp.transcription import (
     lgr,
     refined_meshes,
     rejoin,
+    resampled,
     uniform,
     unresolved,
 )
@@ -41,7 +43,8 @@ class Follower:
     relative, that ends refinement; boxed: impose the box of the controls on the values of the laws,
     which a right word keeps by itself; loose: joints at which a law has to be at a bound are left
     free; longer: meet the ends with longer horizons first where the guess leads nowhere; dwell:
-    least length of every arc.
+    least length of every arc; exact: where no sign tells that the word is wrong, Newton on its
+    conditions takes the place of programmes on finer meshes.
     """
 
     points: int = 10
@@ -51,6 +54,7 @@ class Follower:
     loose: bool = False
     longer: bool = True
     dwell: float = 0.0
+    exact: bool = False
     backend: Solver = field(default_factory=lambda: default_backend().within(1e-11))
 
     def __call__(
@@ -112,6 +116,11 @@ class Follower:
         content any more.
         """
         problem, tolerance = phased.of, self.tolerance
+        if self.exact and plausible(problem, solution):
+            rest = unresolved(problem, solution)
+            finer = refined_meshes(solution.arcs, rest, self.points, tolerance)
+            start = solution if finer is None else resampled(solution, finer)
+            solution = polished_along(phased, start) or solution
         for _ in range(_PASSES):
             rest = unresolved(problem, solution)
             near = max(float(each.max()) for each in rest) <= _NEAR * tolerance

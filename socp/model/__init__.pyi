@@ -37,6 +37,7 @@ from .evaluation import running_function as running_function
 from .evaluation import scales as scales
 from .evaluation import shown_sizes as shown_sizes
 from .evaluation import sizes as sizes
+from .evaluation import switching_function as switching_function
 from .graph import AREA as AREA
 from .graph import ARITHMETIC as ARITHMETIC
 from .graph import HYPERBOLIC as HYPERBOLIC

@@ -154,6 +154,14 @@ def rate_function(problem: Problem) -> casadi.Function:
 
 @of_motion
 @once
+def switching_function(problem: Problem) -> casadi.Function:
+    """Return the switching functions (nu, 1) as a function of x, costate, t, p."""
+    given = [problem.x, problem.costate, time, problem.p]
+    return casadi.Function("sigma", given, [casadi.densify(problem.switching)])
+
+
+@of_motion
+@once
 def running_function(problem: Problem) -> casadi.Function:
     """Return the running cost as a function of x, u, t, p."""
     return casadi.Function("running", [problem.x, problem.u, time, problem.p], [problem.lagrangian])

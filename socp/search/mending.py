@@ -12,6 +12,7 @@ from socp.laws import arc_modes, control_modes
 from socp.model import EXTREMAL, OUTSIDE, SHORTEST, Arc, Mode, Place, Problem, Solution, Verdict
 from socp.search.candidate import Candidate, held, insert, merged, without_short_arcs
 from socp.search.indifference import with_bangs_for
+from socp.search.reading import Stretch
 from socp.verdict import constraint_values, misfit, nearness
 
 # -- mending
@@ -25,8 +26,8 @@ def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Ca
     if gone:
         yield merged(without_short_arcs(now, shortest))
     slack = list(_slack(solution))
-    if len(slack) > 1:
-        yield _dropped(now, slack)
+    if len(slack) > 1:  # where all else holds none is asked for, else they stand for a singular arc
+        yield _dropped(now, slack) if _holds(solution) else _smoothed(now, slack)
     yield from (_dropped(now, [place]) for place in slack)
     if gone:
         yield from (_swapped(now, k) for k in gone if 0 < k < len(now.arcs) - 1)
@@ -54,6 +55,11 @@ def _wished(problem: Problem, now: Candidate, verdict: Verdict) -> Iterator[Cand
             yield insert(now, control, Mode("singular"), t)
 
 
+def _holds(solution: Solution) -> bool:
+    """Tell whether every condition of the judge holds, whatever the margins are."""
+    return solution.verdict is not None and all(each.holds for each in solution.verdict.findings)
+
+
 def _slack(solution: Solution) -> Iterator[Place]:
     """Yield the bang stretches whose switching function never takes the right sign clearly."""
     if solution.verdict is not None:
@@ -63,20 +69,44 @@ def _slack(solution: Solution) -> Iterator[Place]:
 
 def _dropped(given: Candidate, places: Sequence[Place]) -> Candidate:
     """Return a candidate whose controls go on with the modes beside some of their stretches."""
-    arcs = list(given.arcs)
-    middles = [(start + end) / 2.0 for start, end in pairwise(given.edges)]
-    for i, name in enumerate(given.source.control_names):
-        row = given.source.structure[name]
-        gone = [each.stretch - 1 for each in places if each.control == name and each.stretch]
+    found = given
+    for i, row, gone in _rows(given, places):
         left = [k for k in range(len(row)) if k not in gone]
         for k in gone if left else ():
             beside = max((j for j in left if j < k), default=left[0])
-            mode, (_, a, b) = Mode.parse(row[beside][0]), row[k]
-            arcs = [
-                (*arc[:i], mode, *arc[i + 1 :]) if a <= t <= b else arc
-                for arc, t in zip(arcs, middles, strict=True)
-            ]
-    return merged(Candidate(tuple(arcs), given.edges, given.source))
+            found = _set(found, i, row[k], Mode.parse(row[beside][0]))
+    return merged(found)
+
+
+def _smoothed(given: Candidate, places: Sequence[Place]) -> Candidate:
+    """Return a candidate with singular arcs where neighbouring stretches of a control are among
+    some.
+    """
+    found = given
+    for i, row, gone in _rows(given, places):
+        for k in gone:
+            if {k - 1, k + 1} & set(gone):
+                found = _set(found, i, row[k], Mode("singular"))
+    return merged(found)
+
+
+def _rows(
+    given: Candidate, places: Sequence[Place]
+) -> Iterator[tuple[int, Sequence[Stretch], list[int]]]:
+    """Yield every control with its stretches and which of them some places are."""
+    for i, name in enumerate(given.source.control_names):
+        gone = [each.stretch - 1 for each in places if each.control == name and each.stretch]
+        yield i, given.source.structure[name], gone
+
+
+def _set(given: Candidate, i: int, stretch: Stretch, mode: Mode) -> Candidate:
+    """Return a candidate whose control i has a mode all along a stretch."""
+    _, a, b = stretch
+    arcs = tuple(
+        (*arc[:i], mode, *arc[i + 1 :]) if a <= (start + end) / 2.0 <= b else arc
+        for arc, (start, end) in zip(given.arcs, pairwise(given.edges), strict=True)
+    )
+    return Candidate(arcs, given.edges, given.source)
 
 
 def _swapped(given: Candidate, k: int) -> Candidate:

@@ -173,7 +173,8 @@ def solve_word(problem: Problem, now: Candidate, backend: Ration, watch: Watch) 
     Where laws clearly leave the box and all else is as the principle has it, that is what is
     returned: where they are outside bounds belong, which the best motion inside the box hides.
     """
-    word, follower = Word(problem.control_names, now.arcs), Follower(longer=False, backend=backend)
+    word = Word(problem.control_names, now.arcs)
+    follower = Follower(longer=False, exact=True, backend=backend)
     shown = list[tuple[Solution, Solution]]()
 
     def telling(outside: Solution) -> bool:

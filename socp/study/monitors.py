@@ -19,6 +19,7 @@ from socp.model import (
     of_motion,
     once,
     parameters_of,
+    switching_function,
     time,
 )
 
@@ -89,13 +90,6 @@ def _scaled(f: Along, factor: float) -> Along:
 
 @of_motion
 @once
-def _sigma(problem: Problem) -> casadi.Function:
-    given = [problem.x, problem.costate, time, problem.p]
-    return casadi.Function("sigma", given, [casadi.densify(problem.switching)])
-
-
-@of_motion
-@once
 def _slope(problem: Problem) -> casadi.Function:
     """Return the rate of the switching functions, off state constraints, of x, u, costate, t, p."""
     along = [problem.x, problem.costate, time]
@@ -110,7 +104,7 @@ def _switching(problem: Problem, solution: Solution) -> Iterator[tuple[Clue, Mar
     """Yield the lowest point of the switching function inside every bang stretch, on its side, and
     its value where a stretch begins or ends the horizon.
     """
-    p, function = parameters_of(problem, solution), _sigma(problem)
+    p, function = parameters_of(problem, solution), switching_function(problem)
     for i, name in enumerate(problem.control_names):
 
         def sigma(arc: Arc, t: np.ndarray, i: int = i) -> np.ndarray:

@@ -2,6 +2,7 @@ from .collocation import collocate as collocate
 from .cutting import between as between
 from .cutting import cut_arcs as cut_arcs
 from .cutting import rejoin as rejoin
+from .cutting import resampled as resampled
 from .dormand_prince import DOP853_ERRORS as DOP853_ERRORS
 from .dormand_prince import DOP853_STAGES as DOP853_STAGES
 from .dormand_prince import DOP853_THROUGH as DOP853_THROUGH

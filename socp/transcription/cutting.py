@@ -2,7 +2,7 @@
 constraint.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import accumulate, pairwise
@@ -125,6 +125,15 @@ def between(arc: Arc, span: tuple[float, float], points: int) -> Mesh:
     apart = _SLIVER * (span[1] - span[0])
     inside = corners[(corners > span[0] + apart) & (corners < span[1] - apart)]
     return [(float(share), lgr(points)) for share in np.diff([span[0], *inside, span[1]])]
+
+
+def resampled(solution: Solution, meshes: Sequence[Mesh]) -> Solution:
+    """Return a solution on other meshes, one an arc."""
+    arcs = (
+        part(arc, (float(arc.t[0]), float(arc.t[-1])), mesh)
+        for arc, mesh in zip(solution.arcs, meshes, strict=True)
+    )
+    return replace(solution, arcs=tuple(arcs))
 
 
 def part(arc: Arc, span: tuple[float, float], mesh: Mesh) -> Arc:

@@ -1,10 +1,13 @@
 """Kinks, hidden arcs, and the digits that Newton and a second mesh add to a certified solution."""
 
+from typing import Any
+
 import casadi
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from ponds import POND
 
 from socp import (
     Ipopt,
@@ -19,7 +22,7 @@ from socp import (
     uniform,
 )
 from socp.methods.guess import split
-from socp.methods.polish import polished
+from socp.methods.polish import plausible, polished
 from socp.methods.solving import Follower
 from socp.model.data.files import from_json, to_json
 from socp.model.result.arc import Arc, join
@@ -232,6 +235,42 @@ def test_newton_mends_a_rough_solution() -> None:
     assert found is not None
     assert abs(found.objective - standard.objective) < 1e-14
     assert found.junctions == pytest.approx([np.sqrt(1.5) - 1], abs=1e-13)
+
+
+@pytest.mark.parametrize(("word", "right"), [("- s +", True), ("- +", False)])
+def test_a_word_is_plausible_where_the_signs_of_its_programme_are(word: str, right: bool) -> None:
+    """In T = 4 the pond stays at its level: down and up at once the multipliers have a wrong sign,
+    and a word of three arcs goes through Newton in place of finer meshes.
+    """
+    spelt = Word.parse(f"u: {word}", POND.control_names)
+    start = split(default_guess(POND), [1.0] * len(spelt.arcs))
+    found = Follower(exact=True, longer=False)(POND, spelt, start)
+    assert plausible(POND, found) is right
+    assert (found.judgement.agreement is not None) is right
+    if right:
+        assert found.objective == pytest.approx(2 / 3 * 0.75**3, abs=1e-14)
+        assert found.junctions == pytest.approx([0.75, 3.25], abs=1e-12)
+
+
+def test_newton_takes_the_place_of_programmes_on_finer_meshes() -> None:
+    calls = list[int]()
+    backend = Ipopt({"tol": 1e-9})
+
+    def counted(*given: Any) -> Any:
+        calls.append(1)
+        return backend(*given)
+
+    problem = REGISTRY.problem("rayleigh_time")
+    word = Word.parse("u: + - +", problem.control_names)
+    start = Follower()(problem, word, split(default_guess(problem), [1.12, 2.19, 0.36]))
+    plain = Follower(backend=counted)(problem, word, start)
+    several = len(calls)
+    calls.clear()
+    exact = Follower(backend=counted, exact=True)(problem, word, start)
+    assert (len(calls), several > 1) == (1, True)
+    assert exact.objective == pytest.approx(plain.objective, rel=1e-9)
+    assert exact.junctions == pytest.approx(plain.junctions, rel=1e-8)
+    assert [len(a.t) for a in exact.arcs] == [len(a.t) for a in plain.arcs]
 
 
 @pytest.mark.slow

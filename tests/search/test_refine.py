@@ -270,6 +270,18 @@ def test_stretches_without_strict_signs_are_dropped_at_once_and_then_one_by_one(
     ]
 
 
+def test_bangs_without_strict_signs_stand_for_a_singular_arc_where_the_principle_fails() -> None:
+    tried = made("- -", "+ -", "- -", "+ -")
+    margins = {
+        Place(control="u", stretch=number, mode=Mode.parse(mode)): margin
+        for number, (mode, margin) in enumerate(zip("-+-+", (0.1, 0.0, 0.0, 0.1), strict=True), 1)
+    }
+    finding = Finding(kind=Condition.SIGN, residual=0.3)
+    verdict = Verdict(miss=0.0, margins=margins, findings=(finding,))
+    first = next(mends(problem, tried, solved(tried, verdict)))
+    assert spelt(first) == ["- -", "s -", "+ -"]
+
+
 @pytest.mark.parametrize(
     ("residuals", "drift", "asked"),
     [
