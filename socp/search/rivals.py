@@ -293,14 +293,16 @@ class _Shooting:
         """Return the slopes (n, rows, arcs) of what shots miss by their lengths, 0 by those that a
         word does not have: an arc goes on a little beyond its end, and those after it follow.
         """
-        horizon = self.times[1] - self.times[0]
-        little = np.full(len(off), 1e-6 * horizon)
-        slopes = np.zeros((*off.shape, _ARCS))
-        for k in range(_ARCS):
-            state = self._flown(states[k], shots.levels[:, k], little, brief=True)
-            for after in range(k + 1, _ARCS):
-                state = self._flown(state, shots.levels[:, after], shots.lengths[:, after])
-            slopes[:, :, k] = (self._missed(state)[0] - off) / little[:, None]
+        horizon, n = self.times[1] - self.times[0], len(off)
+        levels, little = shots.levels.swapaxes(0, 1), 1e-6 * horizon
+        going = np.where(shots.lengths.T > 0.0, little, 0.0)
+        # those of all arcs side by side
+        state = self._flown(np.hstack(list(states)), np.vstack(levels), going.ravel(), brief=True)
+        for k in range(1, _ARCS):
+            lengths = np.tile(shots.lengths[:, k], k)
+            state[:, : k * n] = self._flown(state[:, : k * n], np.tile(levels[k], (k, 1)), lengths)
+        moved = self._missed(state)[0].reshape(_ARCS, n, -1)
+        slopes = np.moveaxis((moved - off) / little, 0, 2)
         if self.fixed:  # as one arc grows all of them shrink
             slopes -= np.einsum("nra,na->nr", slopes, shots.lengths)[:, :, None] / horizon
         return np.where(shots.lengths[:, None] > 0.0, slopes, 0.0)
