@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
+from itertools import islice
 from math import inf, isnan
 from typing import Any
 
@@ -78,11 +79,14 @@ def solved(problem: Problem, word: str) -> Solution:
     return judge(problem, solve_collocated(phased, meshes, Ipopt(), default_guess(problem)))
 
 
-def bounded(problem: Problem, solution: Solution | None, degree: int) -> LowerBound:
-    """Return what a search in this process finds."""
+def bounded(
+    problem: Problem, solution: Solution | None, degree: int, regions: int | None = None
+) -> LowerBound:
+    """Return what a search in this process finds, on so many regions at most."""
     goal = None if solution is None else solution.objective
     until = clock.time() + 200.0
-    *_, found = bounds(Job(problem, spread_of(solution), goal, degree, until, os.getpid()))
+    job = Job(problem, spread_of(solution), goal, degree, until, os.getpid())
+    *_, found = islice(bounds(job), regions)
     return found
 
 
