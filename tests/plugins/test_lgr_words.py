@@ -2,7 +2,7 @@
 
 import pytest
 
-from socp import MethodError, silent, solve
+from socp import Ipopt, MethodError, silent, solve
 from socp.registry.plugins import Registry
 
 
@@ -10,12 +10,14 @@ from socp.registry.plugins import Registry
 @pytest.mark.parametrize("name", ["robot_arm", "auv"])
 def test_a_printed_word_is_followed(name: str, registry: Registry) -> None:
     problem = registry.problem(name)
-    reference = solve(problem, method="lgr-multiphase", word=problem.reference.word, watch=silent)
+    reference = solve(problem, watch=silent)
     commas = "; ".join(
         f"{control}: {', '.join(mode for mode, _, _ in row)}"
         for control, row in reference.structure.items()
     )
-    found = solve(problem, method="lgr-multiphase", word=commas, watch=silent)
+    # a reading that is not the one meant leads nowhere, and would do so for thousands of steps
+    short = Ipopt({"max_iter": 200})
+    found = solve(problem, method="lgr-multiphase", word=commas, backend=short, watch=silent)
     assert found.extremal
     assert found.word == reference.word
     assert found.objective == pytest.approx(problem.reference.objective, abs=1e-9)
