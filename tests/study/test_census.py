@@ -445,13 +445,3 @@ def test_census_of_the_reversing_vehicle() -> None:
     assert objectives[:2] == pytest.approx([14.4909772288644, 14.6202229437], abs=1e-8)
     assert words[:2] == ["r: + s -; f: + - + -", "r: - s +; f: + - + -"]
     assert any(each == pytest.approx(14.950161782153554, abs=1e-8) for each in objectives)
-
-
-@pytest.mark.slow
-def test_census_of_the_vehicle() -> None:
-    found = survey(Registry.load(only=()).problem("auv"), 8)
-    best, second = found.extremals[:2]
-    assert best.solution.objective == pytest.approx(14.950161782153554, abs=1e-9)
-    assert len(best.starts) >= 4
-    assert second.solution.objective == pytest.approx(16.94794064, abs=1e-7)
-    assert second.solution.word.startswith("r: - s + s +;")
