@@ -54,10 +54,13 @@ def test_a_killed_worker_costs_nothing() -> None:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")
-def test_a_cluster_is_made_and_ended_and_an_address_is_asked() -> None:
+def test_a_cluster_is_made_and_ended_and_an_address_is_asked(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     with engine("local", 1) as hands:
         assert hands.dashboard.startswith("http")
         found = sweep(POND, {"level": [0.3]}, workers=hands.workers)
     assert found.certified == 1
+    monkeypatch.setattr("socp.study.sweeping.engine._PATIENCE", 1)
     with pytest.raises(MethodError, match="no scheduler"), engine("tcp://127.0.0.1:9"):
         pass
