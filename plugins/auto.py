@@ -4,9 +4,9 @@ certifies it.
 
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, final
+from typing import ClassVar, TypeVar, final
 
 from socp import (
     Backend,
@@ -30,6 +30,7 @@ from socp.search import (
     escalate,
     lowered,
     meshes,
+    next_to,
     outdo,
     pursue,
     refine,
@@ -40,6 +41,8 @@ from socp.search import (
 )
 from socp.solvers import default_backend
 from socp.study import limit_switches
+
+Found = TypeVar("Found", Solution, Solution | None)
 
 _ITERATIONS = 500  # what a direct solve has not reached by then it hardly ever reaches
 
@@ -75,10 +78,46 @@ class Auto(Method):
         """Solve along the word of the guess, where it has one that holds; else scout from scattered
         guesses, then refine the best found until a word is certified; else return the best.
         """
-        began, search, directs = time.perf_counter(), self._search(), list[Solution]()
+        search, directs = self._search(), list[Solution]()
+        known = search, directs
+
+        def look() -> Solution:
+            return self._searched(problem, guess, known, watch)
+
+        return self._finished(problem, known, look, watch)
+
+    def near(
+        self, problem: Problem, guess: Solution, origin: Problem, watch: Watch = silent
+    ) -> Solution | None:
+        """Return what `solve` gives where Newton on the word of the guess leads to it, else
+        None.
+        """
+        search = self._search()
+
+        def look() -> Solution | None:
+            found = next_to(problem, guess, origin, search)
+            if found is not None and found.extremal:
+                search.keep(found)
+            return found
+
+        return self._finished(problem, (search, []), look, watch)
+
+    def _finished(
+        self,
+        problem: Problem,
+        within: tuple[Search, list[Solution]],
+        look: Callable[[], Found],
+        watch: Watch,
+    ) -> Found | Solution:
+        """Return what is looked for, within the seconds, with its digits where it is certified;
+        what there is by then where the time is over or a fault ends it; None where that is found.
+        """
+        began, (search, directs) = time.perf_counter(), within
         try:
             with time_limit(time_shares(self.seconds)[0]):
-                found = self._searched(problem, guess, (search, directs), watch)
+                found = look()
+                if found is None:
+                    return found
                 if found.extremal:
                     found = with_agreement(problem, found, self.digits, search.backend, watch)
                     lower = lowered(problem, found, search.backend, watch)

@@ -14,7 +14,17 @@ import numpy as np
 from socp.errors import ContractError
 from socp.laws import check_laws, independent
 from socp.methods.contract import Method, check_options, options
-from socp.model import Arc, Problem, Solution, Stop, Watch, check_controls, silent
+from socp.model import (
+    Arc,
+    Family,
+    Problem,
+    Solution,
+    Stop,
+    Watch,
+    check_controls,
+    family_of,
+    silent,
+)
 from socp.process import breakable, give_way, one_thread, signals_held
 from socp.verdict import judge, with_second_order, with_statement
 
@@ -33,24 +43,49 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
     check_options(method)
     check_controls(problem)
     check_laws(problem)
-    solved: list[Solution] = []
+    solved: list[tuple[Problem, Solution]] = []
+    family = family_of(problem)
     try:
         with breakable():
             give_way()
-            solved.append(method.solve(independent(problem), guess, watch))
+            solved.append(_solved(method, problem, family, guess, watch))
     except KeyboardInterrupt:
         if not solved:
             raise
     with signals_held():  # what has been solved is not lost for want of a judgement
-        solution = check_solution(method.name, problem, solved[0])
+        posed, found = solved[0]
+        solution = check_solution(method.name, posed, found)
         solution = solution.with_origin(
             method=method.name, options=option_values(method), versions=versions()
         )
-        solution = with_statement(problem, solution)
         for step in (judge, with_second_order):
             with suppress(KeyboardInterrupt), breakable():
-                solution = step(problem, solution)
-        return solution
+                solution = step(posed, solution)
+        if family is not None:
+            solution = family.outside(solution)
+        return with_statement(problem, solution)
+
+
+def _solved(
+    method: Method, problem: Problem, family: Family | None, guess: Solution, watch: Watch
+) -> tuple[Problem, Solution]:
+    """Return a problem as it was solved, and the solution: as one of its family, which shares what
+    is derived, where that holds no constant as a parameter, or where the guess leads to it.
+
+    A search is for a problem of numbers: a constant that is zero may change its laws.
+    """
+    if family is not None:
+        member = family.member(problem)
+        if not family.open:
+            return member, method.solve(independent(member), guess, watch)
+        origin = family.origin(guess) if guess.lawful else None
+        if origin is not None:
+            inside = family.inside(guess, origin)
+            found = method.near(independent(member), inside, origin, watch)
+            if found is not None:
+                family.note(problem, member)
+                return member, family.inside(found, member)
+    return problem, method.solve(independent(problem), guess, watch)
 
 
 def check_solution(method: str, problem: Problem, returned: Any) -> Solution:

@@ -44,6 +44,18 @@ class Method(abc.ABC):
         Raises MethodError for what cannot be tried.
         """
 
+    def near(
+        self, _problem: Problem, _guess: Solution, _origin: Problem, _watch: Watch = silent
+    ) -> Solution | None:
+        """Return what `solve` gives where a guess along a word leads to it by Newton alone, None
+        where it does not, as for methods that do not go on along words. `origin`: the problem that
+        the guess is a solution of.
+
+        Both problems may hold constants of the user's as parameters, so that what is derived of one
+        serves the other.
+        """
+        return None
+
 
 def option(default: Any, doc: str, *, least: float | None = None, most: float | None = None) -> Any:
     """Declare an option of a method: its default, one line for the user, the least and the greatest

@@ -8,6 +8,7 @@ from .data.consistency import check_constraints as check_constraints
 from .data.constants import Constant as Constant
 from .data.constants import constants as constants
 from .data.family import Family as Family
+from .data.family import family_of as family_of
 from .data.files import from_json as from_json
 from .data.files import load as load
 from .data.files import save as save
@@ -23,6 +24,7 @@ from .evaluation import end_values as end_values
 from .evaluation import evaluate as evaluate
 from .evaluation import fast as fast
 from .evaluation import function_of as function_of
+from .evaluation import hand_on as hand_on
 from .evaluation import lately as lately
 from .evaluation import magnitude as magnitude
 from .evaluation import mayer_function as mayer_function

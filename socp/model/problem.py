@@ -29,7 +29,7 @@ from socp.model.symbols import (
 )
 
 _TIMES = ("time", "t", "t0", "tf")  # names of the time and of its ends
-_BEFORE = "before"  # where the problem stands that one differs from in numbers alone
+_FIRST = "first"  # where the problem stands that one differs from in values alone
 _NUMBERS = {*portable.NUMBERS, *portable.TIMES}  # what holds nothing else
 _BESIDE = {*TEXTS, "name", "units", "guess", "scene", "reference"}  # what defines no problem
 
@@ -150,11 +150,22 @@ class Problem:
             found["reference"] = told.get("reference")
         if told and known is None and heads <= _NUMBERS:
             numbers = {name: constants.numbers_in(found[name]) for name in heads}
-            if all(_alike(getattr(self, name), new) for name, new in numbers.items()):
+            if all(changes.alike(getattr(self, name), new) for name, new in numbers.items()):
                 return self._valued(numbers)
         if known is not None:
             known = Formula({**known.values, **values}, {}, {})
-        return Problem(**found, formula=known)
+        made = Problem(**found, formula=known)
+        if told and heads <= {*_NUMBERS, *own}:
+            vars(made)[_FIRST] = self.first
+        return made
+
+    @property
+    def first(self) -> "Problem":
+        """What `with_` has made it of, once or several times, by other values of constants, ends,
+        bounds and times alone; else the problem itself.
+        """
+        found: Problem = vars(self).get(_FIRST, self)
+        return found
 
     def _valued(self, numbers: Mapping[str, Any]) -> "Problem":
         """Return the problem with other numbers in the same places: what was checked of formulas
@@ -163,8 +174,7 @@ class Problem:
         found = object.__new__(Problem)
         tables = {k: MappingProxyType(v) if k in keys.TABLES else v for k, v in numbers.items()}
         vars(found).update(self._arguments, **tables, reference=None, formula=None)
-        if self.reference is None:
-            vars(found)[_BEFORE] = vars(self).get(_BEFORE, self)
+        vars(found)[_FIRST] = self.first
         try:
             ranges.check(vars(found))
         except ProblemError as error:
@@ -181,9 +191,9 @@ class Problem:
         What was written with constants is left out where it would be read back as another problem:
         casadi simplifies equal parts of an expression, which may change the last bit of a number.
         """
-        before = vars(self).pop(_BEFORE, None)
-        if before is not None:
-            return portable.revalued(before.statement, vars(self))
+        plain = self.formula is None and self.first.formula is None
+        if plain and self.first is not self:
+            return portable.revalued(self.first.statement, vars(self))
         found = portable.written(vars(self), self.symbols)
         if "formula" in found and _read_back(found) is None:
             return {k: v for k, v in found.items() if k != "formula"}
@@ -367,13 +377,6 @@ class Problem:
         return tuple(
             EndCondition(name, *relation(c, f"target '{name}'")) for name, c in self.target.items()
         )
-
-
-def _alike(known: Any, other: Any) -> bool:
-    """Tell whether a field that is no table stays none, or a table holds what it has held."""
-    if not isinstance(known, Mapping) or not isinstance(other, Mapping):
-        return not isinstance(known, Mapping) and not isinstance(other, Mapping)
-    return len(known) == len(other) and all(key in known for key in other)
 
 
 @lru_cache(

@@ -39,4 +39,5 @@ from .tree.softening import end_miss as end_miss
 from .tree.softening import softened_problem as softened_problem
 from .warm import continued as continued
 from .warm import neighbour as neighbour
+from .warm import next_to as next_to
 from .warm import warm_start as warm_start

@@ -44,15 +44,28 @@ def warm_start(
 
 
 def _found(problem: Problem, guess: Solution, own: Search, watch: Watch) -> Solution | None:
-    learn(problem, guess)
-    found = neighbour(problem, guess, _origin(problem, guess))
+    found = next_to(problem, guess, _origin(problem, guess), own)
     if found is not None:
-        own.note(found.word, found)
         return found
     best = try_words(problem, iter([[word_of(guess)]]), own, watch, _WORDS)
     if best is None or not (best.extremal or best.stop is Stop.INTERRUPTED):
         return None
     return best
+
+
+def next_to(problem: Problem, guess: Solution, origin: Problem, search: Search) -> Solution | None:
+    """Return the certified solution that Newton makes of a guess, a solution of `origin`, once it
+    is learned from, and note it in a search; None where there is none, the guess where that is
+    interrupted.
+    """
+    try:
+        learn(problem, guess)
+        found = neighbour(problem, guess, origin)
+    except KeyboardInterrupt:
+        return replace(_unjudged(problem, guess), stop=Stop.INTERRUPTED)
+    if found is not None:
+        search.note(found.word, found)
+    return found
 
 
 def neighbour(

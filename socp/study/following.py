@@ -57,7 +57,7 @@ def follow(
     first, _ = problem.with_({name: span[0]}), problem.with_({name: span[1]})
     ended, interrupted = "", False
     start = with_second_order(first, _first(first, guess, watch))
-    walk.points.append(Point(span[0], family.inside(start, {name: span[0]})))
+    walk.points.append(Point(span[0], family.inside(start, family.at({name: span[0]}))))
     try:
         with breakable():
             ended = _walked(walk, steps)

@@ -79,7 +79,7 @@ def test_what_is_worked_out_later_is_shared_as_well() -> None:
 def test_solutions_go_in_and_come_out() -> None:
     family = Family(POND, ("level",))
     made = solve(POND, method="lgr-multiphase", word="- s +")
-    inside = family.inside(made, {"level": 0.25})
+    inside = family.inside(made, family.at({"level": 0.25}))
     assert (inside.parameters, family.outside(inside).parameters) == ({"level": 0.25}, {})
 
 

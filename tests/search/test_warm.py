@@ -11,8 +11,18 @@ from records import revised
 
 from socp import solve
 from socp.errors import MethodError, SocpError, SolveError
+from socp.laws import principle
 from socp.methods import default_guess
-from socp.model import Problem, Solution, Stop, constants, final_time, states
+from socp.model import (
+    Problem,
+    Solution,
+    Stop,
+    constants,
+    final_time,
+    from_json,
+    states,
+    to_json,
+)
 from socp.search import Search
 from socp.search.warm import warm_start
 
@@ -25,6 +35,20 @@ def solved() -> Solution:
     found = solve(POND, method="lgr-multiphase", word="- s +")
     assert found.extremal
     return found
+
+
+@pytest.fixture
+def derived(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return the arcs whose laws are derived from now on, one entry a derivation."""
+    seen = list[str]()
+
+    def counted(setting: Any, *given: Any) -> Any:
+        seen.append(setting.name())
+        return known(setting, *given)
+
+    known = principle._with_singular
+    monkeypatch.setattr(principle, "_with_singular", counted)
+    return seen
 
 
 def close(found: Solution | None, value: float, times: list[float]) -> None:
@@ -204,3 +228,49 @@ def test_a_word_along_a_limit_that_has_gone_is_not_followed() -> None:
 def test_a_guess_without_a_statement_does_as_well(solved: Solution) -> None:
     bare = revised(solved, statement=None, verdict=None)
     close(warm_start(POND.with_(level=0.5), bare, Search()), 2 / 3 * 0.5**3, [0.5, 3.5])
+
+
+def fresh(problem: Problem) -> Problem:
+    """Return a problem that shares nothing with others."""
+    return replace(problem)
+
+
+def test_neighbours_by_other_values_share_what_is_derived(
+    solved: Solution, derived: list[str]
+) -> None:
+    pond, guess = fresh(POND), solved
+    counts = []
+    for level in (0.3, 0.35, 0.4):
+        guess = solve(pond.with_(level=level), guess=guess)
+        close(guess, 2 / 3 * (1 - level) ** 3, [1 - level, 3 + level])
+        counts.append(len(derived))
+    assert counts[0] > 0
+    assert counts == [counts[0]] * 3
+    alone = solve(fresh(pond.with_(level=0.4)), guess=guess)
+    assert guess.objective == pytest.approx(alone.objective, rel=1e-12)
+    assert np.allclose(guess.switches, alone.switches, atol=1e-12)
+    assert (guess.parameters, guess.statement) == ({}, alone.statement)
+    assert guess.verdict is not None
+    assert alone.verdict is not None
+    assert {f.kind for f in guess.verdict.findings} == {f.kind for f in alone.verdict.findings}
+
+
+def test_a_search_at_other_ends_derives_nothing_anew(derived: list[str]) -> None:
+    pond = fresh(POND)
+    assert solve(pond).extremal
+    count = len(derived)
+    close(solve(pond.with_({"start.x": 2})), (1.75**3 + 0.75**3) / 3, [1.75, 3.25])
+    assert len(derived) == count > 0
+
+
+def test_a_guess_is_told_by_what_it_carries(solved: Solution) -> None:
+    pond = fresh(POND)
+    one = solve(pond.with_(level=0.3), guess=solved)
+    other = solve(pond.with_(level=0.5), guess=loaded(one))
+    close(other, 2 / 3 * 0.5**3, [0.5, 3.5])
+    assert len(other.nodes) == 1
+
+
+def loaded(solution: Solution) -> Solution:
+    """Return a solution as it is read from its file."""
+    return from_json(to_json(solution))

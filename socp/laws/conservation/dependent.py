@@ -6,8 +6,9 @@ Where one end value alone says all, as the pole of a sphere does, the others fol
 without them has no multipliers there, since its end condition touches what motions can reach.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import final
+from typing import Any, final
 
 import casadi
 import numpy as np
@@ -21,6 +22,7 @@ from socp.model import (
     Problem,
     column,
     end_symbols,
+    hand_on,
     numbers,
     once,
     shown_sizes,
@@ -46,7 +48,7 @@ def completed(problem: Problem) -> Problem:
         found = _implied(problem)
         if not found:
             break
-        problem = replace(problem, end={**problem.end, **found})
+        problem = _with_ends(problem, found)
     return problem
 
 
@@ -67,7 +69,14 @@ def independent(problem: Problem) -> Problem:
     loose = _redundant(ways)
     if not loose:
         return problem
-    return replace(problem, end={**problem.end, **loose})
+    return _with_ends(problem, loose)
+
+
+def _with_ends(problem: Problem, ends: Mapping[Expr, Any]) -> Problem:
+    """Return a problem with other end values, and with all that is worked out of its motion."""
+    found = replace(problem, end={**problem.end, **ends})
+    hand_on(problem, found)
+    return found
 
 
 @final

@@ -57,6 +57,13 @@ def changed(
     return found, values
 
 
+def alike(known: Any, other: Any) -> bool:
+    """Tell whether a field that is no table stays none, or a table holds what it has held."""
+    if not isinstance(known, Mapping) or not isinstance(other, Mapping):
+        return not isinstance(known, Mapping) and not isinstance(other, Mapping)
+    return len(known) == len(other) and all(key in known for key in other)
+
+
 def numbers(written: Mapping[str, Any], constants: Symbols, symbols: Symbols) -> list[str]:
     """Return the names of what takes numbers: constants, times, ends and bounds."""
     states = [str(state) for state in written["dynamics"]]

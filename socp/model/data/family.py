@@ -9,18 +9,23 @@ from typing import Any, final
 
 import casadi
 
+from socp.model.data.carried import known_problem
 from socp.model.data.constants import planted
 from socp.model.data.portable import NUMBERS, TIMES
-from socp.model.evaluation import cached, hand_on
+from socp.model.evaluation import cached, hand_on, lately
 from socp.model.graph import fold
 from socp.model.problem import Problem
+from socp.model.ranges import interval
 from socp.model.result.findings import Condition, Finding
 from socp.model.result.solution import Solution
 from socp.model.symbols import Expr, column, declared
+from socp.model.tolerances import EXTREMAL
 
 # what a constant may stand in as a parameter does, and what has numbers of its own in every problem
 _FORMULAE = ("dynamics", "minimise", "running", "target", "path", "singular", "boundary")
 _NUMBERS = (*NUMBERS, *TIMES)
+_FAMILIES = 4  # of a problem: sets of constants that are changed in turns
+_MEMBERS = 4  # of a family: bounds that are changed in turns, and solutions that are gone on from
 
 
 @final
@@ -78,7 +83,10 @@ class Family:
             used = {each for leaf in leaves.values() for each in casadi.symvar(leaf)}
             held = {name: symbol for name, symbol in self.open.items() if symbol in used}
             bounds |= {s: (problem.constants[name].value,) * 2 for name, s in held.items()}
-        return replace(problem, **own, bounds=bounds, reference=None, formula=None)
+        found = replace(problem, **own, bounds=bounds, reference=None, formula=None)
+        if len(bounds) == len(problem.bounds):  # no parameter is held, and nothing is another
+            hand_on(problem, found)
+        return found
 
     @cached_property
     def _placed(self) -> bool:
@@ -93,36 +101,84 @@ class Family:
         """Return the problem of other values, with what was worked out for those that were asked
         for before, and for the base, where their bounds are the same. Errors as of `Problem.with_`.
         """
-        if len(self.open) < len(self._constants):
+        if self.closed:
             return self.problem.with_(dict(values))
-        held = {s: (values[n],) * 2 for n, s in self.open.items() if s in self.base.bounds}
-        others = {name: value for name, value in values.items() if name not in self.open}
         if self._placed:
-            plain = self.problem.with_(dict(values))
-            numbers = {name: getattr(plain, name) for name in _NUMBERS}
-            found = replace(self.base, **numbers | {"bounds": {**plain.bounds, **held}})
-        else:
-            found = self.base.with_({**others, "bounds": held} if held else others)
-        known: dict[tuple[Any, ...], Problem] = cached(self, Family.at)
-        near = known.get((), self.base)
-        if self._bounds(found) == self._bounds(near):
+            return self.member(self.problem.with_(dict(values)))
+        others = {name: value for name, value in values.items() if name not in self.open}
+        return self._posed(others, values)
+
+    def member(self, problem: Problem) -> Problem:
+        """Return a problem that `with_` makes of that of the family, or one that reads like it, as
+        one of the family, with what was worked out as `at` has it.
+        """
+        boxes = {f"bounds.{each.name()}": box for each, box in problem.bounds.items()}
+        ends = {
+            f"{table}.{each.name()}": value
+            for table in ("start", "end")
+            for each, value in getattr(problem, table).items()
+        }
+        times = {name: getattr(problem, name) for name in ("initial_time", "final_time")}
+        values = {name: each.value for name, each in problem.constants.items()}
+        return self._posed({**boxes, **ends, **times}, values)
+
+    def _posed(self, numbers: Mapping[str, Any], values: Mapping[str, float]) -> Problem:
+        """Return the base with other numbers, and with constants held at other values where these
+        are told.
+        """
+        base = self.base
+        own = {n: s for n, s in self.open.items() if s in base.bounds and n in values}
+        held = {f"bounds.{name}": (values[name],) * 2 for name in own}
+        found = base.with_({**numbers, **held})
+        bounds = self._bounds(found)
+        near = base
+        if bounds != self._bounds(base):
+            near = lately(self, Family.at, bounds, lambda: found, _MEMBERS)
+        if near is not found:
             hand_on(near, found)
-        known[()] = found
         return found
 
-    def _bounds(self, problem: Problem) -> dict[Expr, Any]:
-        """Return the bounds of a problem but for those of constants."""
+    def _bounds(self, problem: Problem) -> tuple[tuple[str, float, float], ...]:
+        """Return the bounds of a problem, by name, but for those of constants."""
         own = set(self.open.values())
-        return {symbol: box for symbol, box in problem.bounds.items() if symbol not in own}
+        return tuple((s.name(), *interval(b)) for s, b in problem.bounds.items() if s not in own)
 
-    def inside(self, solution: Solution, values: Mapping[str, float]) -> Solution:
-        """Return a solution of the problem of values as one of the family."""
-        own = {name: float(values[name]) for name in self.open}
+    @property
+    def closed(self) -> bool:
+        """Whether a constant among the numbers cannot be a parameter."""
+        return len(self.open) < len(self._constants)
+
+    def origin(self, guess: Solution) -> Problem | None:
+        """Return the problem that a guess is a solution of as one of the family, as far as the
+        guess tells; None where it is one of other states or controls.
+        """
+        mark = (guess.statement or {}).get("fingerprint")
+        known: dict[tuple[Any, ...], Any] = cached(self, Family.origin)
+        if (mark,) in known:
+            found: Problem = known[(mark,)]
+            return found
+        own = known_problem(guess)
+        if own is None or (own.state_names, own.control_names) != (
+            self.problem.state_names,
+            self.problem.control_names,
+        ):
+            return None
+        return self.member(own)
+
+    def note(self, problem: Problem, member: Problem) -> None:
+        """Keep the member that a problem is, for solutions that tell it."""
+        lately(self, Family.origin, (problem.fingerprint,), lambda: member, _MEMBERS)
+
+    def inside(self, solution: Solution, member: Problem) -> Solution:
+        """Return a solution of the problem that a member is as one of the family."""
+        bounds = member.bounds
+        own = {n: interval(bounds[s])[0] for n, s in self.open.items() if s in bounds}
         return replace(solution, parameters={**solution.parameters, **own})
 
     def outside(self, solution: Solution) -> Solution:
         """Return a solution in the family as one of the problem of its values, of which it carries
-        no statement, and whose verdict says nothing of parameters that this has not.
+        no statement, and whose verdict does not say that parameters have values that they are held
+        at, which this has not.
         """
         left = {name: v for name, v in solution.parameters.items() if name not in self.open}
         found = replace(solution, parameters=left).with_origin(statement=None, unstated="")
@@ -132,7 +188,25 @@ class Family:
         return found.with_judgement(verdict=replace(found.verdict, findings=tuple(its)))
 
     def _is_of_held(self, finding: Finding) -> bool:
-        return finding.kind is Condition.PARAMETER_RANGE and finding.place.of in self.open
+        mine = finding.kind is Condition.PARAMETER_RANGE and finding.place.of in self.open
+        return mine and finding.residual <= EXTREMAL
+
+
+def family_of(problem: Problem) -> Family | None:
+    """Return the family of a problem that `with_` has made of another, opened for the constants in
+    which they differ at least; None where there is no other, or one of these cannot be a parameter.
+
+    It is kept with that other problem, `problem.first`, for as long as it is one of a few that were
+    asked for last.
+    """
+    first, own = problem.first, problem.constants
+    if first is problem:
+        return None
+    names = {n for n, each in first.constants.items() if n in own and own[n].value != each.value}
+    known: dict[tuple[Any, ...], Any] = cached(first, family_of)
+    key = next((key for key in known if names <= set(key)), tuple(sorted(names)))
+    found = lately(first, family_of, key, lambda: Family(first, key), _FAMILIES)
+    return None if found.closed else found
 
 
 def _in_exponents(expression: Expr) -> set[Expr]:

@@ -76,7 +76,7 @@ def revalued(known: Mapping[str, Any], problem: Mapping[str, Any]) -> Data:
     """Return the statement of a problem that differs from a known one, of which nothing was written
     with constants, in numbers alone.
     """
-    data = {**known, **_numbers(problem)}
+    data = {**known, **_numbers(problem), "about": {**known["about"], "reference": None}}
     of = {k: v for k, v in data.items() if k not in {"fingerprint", "name", "about"}}
     return data | {"fingerprint": stated.fingerprint(of)}
 

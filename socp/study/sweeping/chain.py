@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from typing import Any, final
 
@@ -133,7 +133,8 @@ class Task:
         try:
             here = None if now is None else _next(family, now, values, inside=self.keep)
             if here is None:
-                posed = family.problem.with_(dict(values))  # what is searched for is derived anew
+                # what is searched for is derived anew: replaced, it shares nothing with others
+                posed = replace(family.problem.with_(dict(values)))
                 guess = None if now is None else now.whole(family)
                 found = view("solve")(posed, guess, self.method, watch=silent, **self.options)
                 if found.stop is Stop.INTERRUPTED:
@@ -179,7 +180,7 @@ def _next(family: Family, now: _Here, values: Mapping[str, float], *, inside: bo
     kept whole is looked at whole, which no rung depends on.
     """
     problem = family.at(values)
-    posed, guess = independent(problem), family.inside(now.solution, now.values)
+    posed, guess = independent(problem), family.inside(now.solution, now.problem)
     learn(posed, guess)
     found = neighbour(posed, guess, now.problem)
     if found is None or spurious(found):
