@@ -5,6 +5,7 @@ certify.
 import platform
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import cache
 from importlib import metadata
 from typing import Any
 
@@ -159,6 +160,11 @@ def option_values(method: Method) -> dict[str, Any]:
 
 def versions() -> dict[str, str]:
     """Return the versions of Python, socp and what computes for it."""
+    return dict(_versions())
+
+
+@cache
+def _versions() -> dict[str, str]:
     found = {"python": platform.python_version(), "socp": "unknown", "scipy": "unknown"}
     for name in ("socp", "scipy"):
         with suppress(metadata.PackageNotFoundError):
