@@ -41,7 +41,7 @@ from socp.verdict.junctions import chattering
 from socp.verdict.lessons import learn
 from socp.verdict.multipliers import Case, multipliers
 from socp.verdict.nodes import Samples, sample
-from socp.verdict.reintegration import verify
+from socp.verdict.reintegration import verify, verify_finely
 from socp.verdict.structure import structure_of
 
 __all__ = ["Case", "case", "certify", "multipliers"]
@@ -299,6 +299,9 @@ def _tested(problem: Problem, solution: Solution) -> Solution:
     try:
         with np.errstate(all="ignore"):
             verdict, arcs = certify(problem, solution)
+            if not verdict.extremal and replace(verdict, miss=0.0, drift=0.0).extremal:
+                solution = solution.with_judgement(verified=verify_finely(stated, solution))
+                verdict, arcs = certify(problem, solution)
     except (np.linalg.LinAlgError, ValueError, ArithmeticError, RecursionError) as error:
         worst = max(solution.verified, key=lambda f: f.off)
         notes = (f"the principle could not be judged: {error}",)

@@ -44,6 +44,8 @@ else:
     OdeSolver = Any
 
 RTOL = 1e-10  # of DOP853; what is compared with it is seldom better than 1e-9
+# The same where a motion enlarges what steps leave: a decade above what rounding lets through
+FINE = 1e-13
 # Points looked at in every step: a parabola, which takes DOP853 one step, hides 1/400 of its height
 # there
 _LOOKS = 20
@@ -56,7 +58,8 @@ _DIVERGED = 1e6  # times the problem's own magnitude: the state has left for goo
 _SHORT = 1e-2
 
 Leg = tuple[Arc, Piece]
-Size = tuple[np.ndarray, float]  # magnitudes of what moves (n,), and the horizon
+# magnitudes of what moves (n,), the horizon, and the relative tolerance of steps
+Size = tuple[np.ndarray, float, float]
 
 
 @final
@@ -113,10 +116,15 @@ def _shares(count: int) -> np.ndarray:
 
 
 def travel(
-    problem: Problem, solution: Solution, pieces: list[list[Piece]], log: Log
+    problem: Problem,
+    solution: Solution,
+    pieces: list[list[Piece]],
+    log: Log,
+    rtol: float = RTOL,
 ) -> tuple[np.ndarray, str]:
-    """Integrate motion and running cost over all pieces; returns both at the end and, where it
-    breaks down, why. Raises LateError where the time allowed is over first.
+    """Integrate motion and running cost over all pieces, each step to a relative tolerance; returns
+    both at the end and, where it breaks down, why. Raises LateError where the time allowed is over
+    first.
     """
     p = parameters_of(problem, solution)
     y = np.append(np.clip(solution.arcs[0].x[:, 0], *problem.start_box), 0.0)
@@ -133,7 +141,7 @@ def travel(
         for whole in stretches
         for piece in cut_at_knots(problem, whole)
     ]
-    size = scale, horizon
+    size = scale, horizon, rtol
     found, left, begun = _in_rows(problem, legs, (y, p), size), legs, None
     if found.ends.size:
         _noted(problem, legs, found, (p, horizon), log)
@@ -158,7 +166,7 @@ def _in_rows(
     """Take steps in rows from y under parameters p for as long as that leads on, those of all plans
     in one and those of a law; none where casadi does not know a control.
     """
-    (y, p), (scale, _) = now, size
+    (y, p), (scale, _, rtol) = now, size
     pieces = [piece for _, piece in legs]
     known = all(each.control is None and each.end > each.start for each in pieces)
     most = np.append(_DIVERGED * scale[:-1], math.inf)
@@ -167,7 +175,7 @@ def _in_rows(
     for modes, group in groupby(range(len(legs)), key=lambda k: pieces[k].modes) if known else ():
         own = list(group)
         flow = open_flow(problem) if modes is None else closed_flow(problem, modes)
-        course = Course(flow, planned(pieces), p, latest, RTOL, RTOL * scale)
+        course = Course(flow, planned(pieces), p, latest, rtol, rtol * scale)
         done.append(found := strides(course, np.hstack([_laid(legs[k], k) for k in own]), y, most))
         if not found.ends.size or found.ends[-1] < pieces[own[-1]].end:
             break
@@ -279,17 +287,17 @@ def _integrate(
     piece: Piece,
     flow: Flow | Control,
     y: np.ndarray,
-    size: tuple[np.ndarray, float],
+    size: Size,
     looks: _Looks,
 ) -> tuple[np.ndarray, str]:
     """Integrate over one piece of an arc; returns the end and, where it breaks down, the reason."""
-    scale, horizon = size
+    scale, horizon, rtol = size
     length = piece.end - piece.start
     if length <= 0:
         return y, ""
     first, count = (length, _GLANCES) if length < _SHORT * horizon else (None, _LOOKS)
     span = piece.start, piece.end, _latest(piece)
-    tolerance: dict[str, Any] = {"rtol": RTOL, "atol": RTOL * scale}
+    tolerance: dict[str, Any] = {"rtol": rtol, "atol": rtol * scale}
     solver: Steps | OdeSolver
     if callable(flow):
         rate = flow

@@ -29,7 +29,7 @@ from socp.model import (
     running_function,
     sizes,
 )
-from socp.verdict.motion import Log, travel
+from socp.verdict.motion import FINE, RTOL, Log, travel
 from socp.verdict.simulation.pieces import Piece, piece_of_law, pieces_in_time
 from socp.verdict.structure import constraints_function
 
@@ -134,20 +134,38 @@ def objective_of(
     return value, off / max(size, TINY)
 
 
-def verify(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
+def verify(problem: Problem, solution: Solution, rtol: float = RTOL) -> tuple[Feasibility, ...]:
     """Integrate the control as a function of time and, where every arc has a law of the state, as
-    feedback too.
+    feedback too, with steps of a relative tolerance.
 
     A problem keeps what was found for the last solutions, by their values: the same motion is asked
     for more than once on the way to a certified word. Where the time allowed ends first, nothing is
     known, and it may be asked again.
     """
     try:
-        first = _in_time(problem, solution)[0]
-        make = partial(_as_feedback, problem, solution)
-        return first, *lately(problem, verify, _key(solution), make, _KEPT)
+        first = _in_time(problem, solution, rtol)[0]
+        make = partial(_as_feedback, problem, solution, rtol)
+        return first, *lately(problem, verify, (rtol, *_key(solution)), make, _KEPT)
     except LateError as error:
         return (_unknown(str(error)),)
+
+
+def verify_finely(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
+    """Return what is found of a verified solution with steps as exact as they may be, where it is
+    off by so little that this can tell; what was found where it is not.
+
+    A motion that runs away from its neighbours enlarges what steps leave, at the same rate for all
+    tolerances: what shrinks with these is off by the steps, not by the solution.
+    """
+    known = solution.verified
+    if not EXTREMAL < _worst(known) <= EXTREMAL * RTOL / FINE:
+        return known
+    found = verify(problem, solution, FINE)
+    return found if _worst(found) < _worst(known) else known
+
+
+def _worst(found: tuple[Feasibility, ...]) -> float:
+    return max((max(each.off, each.drift) for each in found), default=math.inf)
 
 
 def verify_in_time(problem: Problem, solution: Solution) -> Feasibility:
@@ -182,20 +200,22 @@ def _key(solution: Solution) -> tuple[Any, ...]:
     return solution.objective, *solution.parameters.items(), *arcs
 
 
-def _in_time(problem: Problem, solution: Solution) -> tuple[Feasibility, np.ndarray]:
+def _in_time(
+    problem: Problem, solution: Solution, rtol: float = RTOL
+) -> tuple[Feasibility, np.ndarray]:
     """Return what is found of the control in time, and its states (nx, n) at the nodes, as far as
     it leads.
     """
 
     def integrated() -> tuple[Feasibility, np.ndarray]:
         log, pieces = Log(), [pieces_in_time(arc) for arc in solution.arcs]
-        found = _verify(problem, solution, pieces, log, feedback=False)
+        found = _verify(problem, solution, pieces, log, rtol, feedback=False)
         return found, np.hstack(log.nodes) if log.nodes else np.empty((0, 0))
 
-    return lately(problem, _in_time, _key(solution), integrated, _KEPT)
+    return lately(problem, _in_time, (rtol, *_key(solution)), integrated, _KEPT)
 
 
-def _as_feedback(problem: Problem, solution: Solution) -> tuple[Feasibility, ...]:
+def _as_feedback(problem: Problem, solution: Solution, rtol: float) -> tuple[Feasibility, ...]:
     """Return what is found of the laws as feedback, nothing where an arc has none."""
     if not solution.lawful:
         return ()
@@ -204,7 +224,7 @@ def _as_feedback(problem: Problem, solution: Solution) -> tuple[Feasibility, ...
     except MethodError:
         # the word was read off a solution of a problem without such laws
         return ()
-    return (_verify(problem, solution, pieces, Log(), feedback=True),)
+    return (_verify(problem, solution, pieces, Log(), rtol, feedback=True),)
 
 
 def moved(problem: Problem, solution: Solution) -> Solution:
@@ -223,10 +243,16 @@ def moved(problem: Problem, solution: Solution) -> Solution:
 
 
 def _verify(
-    problem: Problem, solution: Solution, pieces: list[list[Piece]], log: Log, *, feedback: bool
+    problem: Problem,
+    solution: Solution,
+    pieces: list[list[Piece]],
+    log: Log,
+    rtol: float,
+    *,
+    feedback: bool,
 ) -> Feasibility:
     with np.errstate(all="ignore"):  # what overflows on the way ends as an error of the integration
-        ended = travel(problem, solution, pieces, log)
+        ended = travel(problem, solution, pieces, log, rtol)
         return measured(problem, solution, log, ended, feedback=feedback)
 
 
