@@ -12,7 +12,7 @@ from socp.process import time_limit
 from socp.search import Candidate, Search, mends, merged, neighbour, try_words, word_of
 from socp.study.branch import Event, Point
 from socp.study.monitors import CURVATURE, Clue, Margins, lengths, margins
-from socp.study.naming import MET, MINIMUM, TURNED, named
+from socp.study.naming import LEFT, MET, MINIMUM, TOUCHED, TURNED, named
 from socp.study.walk import ASTRAY, EVENT, SMALLEST, STEPS, ZERO, Trial, Walk, Zero, apart, past
 from socp.verdict import learn, with_second_order
 
@@ -274,6 +274,8 @@ def _named(
         and _turned(before, after)
     ):
         kind = TURNED
+    if after is not None and called.clue.kind == "length":
+        kind, where = _limited(before, after) or (kind, where)
     return Event(
         value=there.trial.value,
         error=_LOCATED * abs(walk.width),
@@ -285,6 +287,24 @@ def _named(
         place=len(walk.points),
         solution=there.trial.solution,
     )
+
+
+def _limited(before: Solution, after: Solution) -> tuple[str, str] | None:
+    """Return what happens to a state constraint that is followed by the arcs of one of two
+    solutions alone, and to which; None where there is none.
+
+    Its arc vanishes, or appears, where the constraint is left, or touched: which of the two figures
+    passes through zero first is rounding, and the name that of what is the same either way.
+    """
+    on, then = _constraints(before), _constraints(after)
+    if on == then:
+        return None
+    return (LEFT, min(on - then)) if on - then else (TOUCHED, min(then - on))
+
+
+def _constraints(solution: Solution) -> set[str]:
+    """Return the state constraints that arcs follow."""
+    return {str(m.constraint) for arc in solution.arcs for m in arc.modes if m.constraint}
 
 
 def _turned(before: Solution, after: Solution) -> bool:

@@ -3,13 +3,14 @@
 from socp.model import Solution
 from socp.study.monitors import Clue
 
+TOUCHED, LEFT = "constraint touched", "constraint left"
 _KINDS = {  # going forth, and coming back
     "length": ("arc vanishes", "arc appears"),
     "switching": ("arc appears", "arc vanishes"),
     "lower": ("law leaves its box", "law enters its box"),
     "upper": ("law leaves its box", "law enters its box"),
-    "constraint": ("constraint touched", "constraint left"),
-    "multiplier": ("constraint left", "constraint touched"),
+    "constraint": (TOUCHED, LEFT),
+    "multiplier": (LEFT, TOUCHED),
 }
 MINIMUM = "minimum lost", "minimum gained"
 FOLD, MET = "fold", "switches meet"
