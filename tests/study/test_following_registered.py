@@ -7,7 +7,7 @@ from socp.model import free
 from socp.registry import Registry, solve
 from socp.study import follow
 
-TURNS = "r: + s s s +; f: + + b[u.upper] - -"
+TURNS = "r: - s s s +; f: + + b[u.upper] - -"
 
 
 @pytest.mark.slow
@@ -35,14 +35,18 @@ def test_a_vehicle_first_turns_the_other_way_in_a_weak_current() -> None:
     """Where it needs not turn at first, it would set out with the same heading were that free."""
     problem = Registry.load().problem("auv")
     start = solve(
-        problem.with_(current=0.2), method="lgr-multiphase", word=TURNS, lengths="0.02 1 18 0.1 0.2"
+        problem.with_(current=0),
+        method="lgr-multiphase",
+        word=TURNS,
+        lengths="0.02 0.6 19 0.3 0.02",
     )
-    found = follow(problem, {"current": (0.2, 0.0)}, start, steps=2)
-    assert (found.ended, found.points[-1].value) == ("", 0.0)
+    found = follow(problem, {"current": (0.0, 2.0)}, start, steps=4)
+    assert (found.ended, found.points[-1].value) == ("", 2.0)
     assert all(each.solution.extremal for each in found.points)
     (event,) = found.events
     assert (event.kind, event.where) == ("bound changes", "r")
-    assert (event.before, event.after[:8]) == ("r: + s +; f: + b[u.upper] -", "r: - s +")
+    assert event.time == pytest.approx(0.0, abs=1e-8)
+    assert (event.before, event.after[:8]) == ("r: - s +; f: + b[u.upper] -", "r: + s +")
     loose = problem.with_({"current": event.value, "start.phi": free})
     turned = solve(
         loose,
