@@ -1,4 +1,4 @@
-"""Motions that enlarge what an integrator leaves, by exp(15): that is not held against them, while
+"""Motions that enlarge what an integrator leaves, by exp(17): that is not held against them, while
 what solutions are off by is.
 """
 
@@ -12,7 +12,7 @@ from socp.transcription.mesh import table
 from socp.transcription.schemes import lgr
 from socp.verdict import judge, verify
 
-_RATE, _END = 1.5, 10.0
+_RATE, _END = 1.7, 10.0
 x, y = states("x y")
 u = controls("u")
 AWAY = Problem(
