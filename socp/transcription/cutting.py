@@ -168,18 +168,28 @@ def _joints(
     return tuple(single) if len(single) <= _MOST else ()
 
 
+@of_motion
 def _crossings(looks: "_Looks") -> Iterator[_Joint]:
     """Yield where a kink of the dynamics changes sign."""
-    problem = looks.phased.of
-    found = motion_of(problem, looks.phase).kinks
-    if not np.ptp([problem.initial_time_box, problem.final_time_box], axis=1).any():
-        # those of time alone are knots
-        others = casadi.vertcat(problem.x, problem.p)
-        found = column(each for each in casadi.vertsplit(found) if casadi.depends_on(each, others))
+    problem, phase = looks.phased.of, looks.phase
+    # on a fixed horizon those of time alone are knots
+    fixed = not np.ptp([problem.initial_time_box, problem.final_time_box], axis=1).any()
+    found = once_along(
+        problem, phase, _crossings, partial(_kinks, problem, phase, fixed=fixed), fixed
+    )
     if found.numel():
         zeros = looks.zeros(found)
         for i, times in enumerate(zeros):
             yield from (_Joint(t, (found[i],)) for t, _ in times if len(times) <= _CROWD)
+
+
+def _kinks(problem: Problem, phase: Phase, *, fixed: bool) -> Expr:
+    """Return what vanishes (k, 1) at kinks along a phase, those of time alone left out or not."""
+    found = motion_of(problem, phase).kinks
+    if not fixed:
+        return found
+    others = casadi.vertcat(problem.x, problem.p)
+    return column(each for each in casadi.vertsplit(found) if casadi.depends_on(each, others))
 
 
 @of_motion
