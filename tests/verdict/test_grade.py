@@ -43,9 +43,10 @@ from socp.registry.plugins import Registry
 from socp.registry.standard import STANDARD, turning_back
 from socp.transcription import Mesh, euler, hermite_simpson, lgr, trapezoid
 from socp.verdict import grade
+from socp.verdict.grading import weighing
 from socp.verdict.grading.pieces import Pieces
 from socp.verdict.grading.unknowns import Unknowns
-from socp.verdict.grading.weighing import Weights, weights
+from socp.verdict.grading.weighing import Chained, Weights, weights
 
 REGISTRY = Registry.load()
 # problems of the registry that a grid solves in a fraction of a second, to the reference's extremal
@@ -236,6 +237,34 @@ def test_the_multipliers_are_the_principles_own() -> None:
     limit = names.index("v.upper")
     assert mass[limit] == pytest.approx(0.6, abs=0.06)
     assert np.delete(mass, limit) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_forms_in_the_unknowns_of_stretches_are_those_in_all_that_follow_from_them() -> None:
+    problem = truths()["turning_back"][0]
+    solution = solved("turning_back", "euler 100")
+    unknowns = Unknowns(problem, solution, Pieces.of(problem, solution))
+    chained = Chained.over(unknowns, np.arange(0, 100, 7))
+    few = chained.spread.shape[1]
+    assert few < unknowns.first[-1] / 5
+    y = np.random.default_rng(0).normal(size=few)
+    z, nx, ends = chained.whole(y), unknowns.scale.size, (*range(6, 100, 7), 99)
+    left = unknowns.adjoint().at(z).reshape(-1, nx)
+    assert np.abs(np.delete(left, ends, axis=0)).max() < 1e-12 * np.abs(z).max()
+    assert left[list(ends)].ravel() == pytest.approx(chained.equations().at(y), rel=1e-10)
+    seen = unknowns.switching((1, 3), np.arange(0, 100, 9))
+    assert seen.at(z) == pytest.approx(chained.form(seen).at(y), rel=1e-10)
+
+
+@pytest.mark.parametrize("name", ["turning_back", "goddard_fixed_time", "rayleigh_time"])
+def test_stretches_of_several_steps_state_nearly_the_same_error(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, truth = truths()[name]
+    found = on(problem, uniform(euler(), 200))
+    whole = graded(problem, judge(problem, found))
+    monkeypatch.setattr(weighing, "STRETCHES", 70)
+    few = graded(replace(problem), judge(replace(problem), found))
+    assert abs(found.objective - truth) <= few.error < 1.5 * whole.error
 
 
 @pytest.mark.parametrize("name", STANDARDS)
