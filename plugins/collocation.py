@@ -18,9 +18,8 @@ from socp import (
     option,
     silent,
     single_phase,
-    solve_collocated,
-    uniform,
 )
+from socp.methods import solve_uniform
 from socp.solvers import default_backend
 from socp.transcription import Scheme, euler, hermite_simpson, lgr, trapezoid
 
@@ -94,8 +93,8 @@ def _method(row: Row) -> type[Method]:
     def solve(self: Any, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
         """Solve on one phase."""
         count, *points = (getattr(self, size) for size in row.sizes)
-        mesh = uniform(row.scheme(*points), count)
-        return solve_collocated(single_phase(problem), [mesh], self.backend, guess, watch)
+        scheme, phased = row.scheme(*points), single_phase(problem)
+        return solve_uniform(phased, scheme, count, self.backend, guess, watch)
 
     fields: list[tuple[str, type, Field[Any]]] = []
     for size, default in row.sizes.items():

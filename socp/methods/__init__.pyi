@@ -25,6 +25,7 @@ from .guess import guess_of as guess_of
 from .guess import scattered_guesses as scattered_guesses
 from .guess import split as split
 from .joints import follow_word as follow_word
+from .ladder import solve_uniform as solve_uniform
 from .polish import limits_met as limits_met
 from .polish import polished as polished
 from .solving import Follower as Follower

@@ -1,4 +1,5 @@
 from .collocation import collocate as collocate
+from .collocation import laid_out as laid_out
 from .cutting import between as between
 from .cutting import cut_arcs as cut_arcs
 from .cutting import rejoin as rejoin
@@ -14,6 +15,10 @@ from .knots import cut_at_knots as cut_at_knots
 from .knots import equidistributed as equidistributed
 from .knots import knot_times as knot_times
 from .knots import knotted as knotted
+from .lifting import Layout as Layout
+from .lifting import lift as lift
+from .lifting import prolonged as prolonged
+from .lifting import push as push
 from .linearised import Linearised as Linearised
 from .linearised import residuals as residuals
 from .mesh import Mesh as Mesh

@@ -49,6 +49,14 @@ def collocate(
     scheme (on the side of the jump that is collocated). Raises MethodError where the meshes do not
     fit the phases.
     """
+    nlp, layout = laid_out(phased, meshes, near)
+    return Reduced(nlp, partial(push, layout), partial(lift, layout))
+
+
+def laid_out(
+    phased: PhasedProblem, meshes: Sequence[Mesh], near: Solution | None = None
+) -> tuple[NLP, Layout]:
+    """Return the programme of `collocate`, and where everything stands in it."""
     if len(meshes) != len(phased.phases):
         raise MethodError(
             f"{len(meshes)} meshes for {len(phased.phases)} phases; give one mesh a phase"
@@ -81,7 +89,7 @@ def collocate(
         unit=grid.scale.cost,
         derivatives=lambda: programme.derivatives,
     )
-    return Reduced(nlp, partial(push, layout), partial(lift, layout))
+    return nlp, layout
 
 
 @final

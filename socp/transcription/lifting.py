@@ -2,6 +2,7 @@
 solution.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import final
@@ -164,6 +165,52 @@ def lift(layout: Layout, point: NLPPoint) -> Solution:
         parameters=dict(zip(problem.parameter_names, p.tolist(), strict=True)),
         effort=Effort(iterations=point.iterations, seconds=point.seconds, trace=point.trace),
     )
+
+
+def prolonged(coarse: Layout, fine: Layout, point: NLPPoint) -> NLPPoint:
+    """Return the point of a grid of equal intervals on another one of the same scheme: a guess
+    with its multipliers. Both grids are of one phase of free controls.
+
+    Multipliers of defects are costates, whatever the length of an interval; those of what holds at
+    a node are densities times that length, but for the states at the ends of the horizon.
+    """
+    start, told = push(fine, lift(coarse, point)), coarse.restored(point)
+    if told.lam_v is None or told.lam_g is None:
+        return start
+    lam_v, lam_g = told.lam_v, told.lam_g
+    (c,), (f,), count = coarse.tables, fine.tables, int(coarse.tables[0].mesh[1])
+    shorter, carrying = (c.mesh.size - 1) / (f.mesh.size - 1), [t.tau[t.collocated] for t in (c, f)]
+    middles = [np.repeat((t.tau[t.mesh[1:]] + t.tau[t.mesh[:-1]]) / 2, count) for t in (c, f)]
+    x = _spread(lam_v[coarse.states], (c.tau, f.tau), count, ends=True) * shorter
+    nx = x.size // f.tau.size
+    x[:nx], x[-nx:] = lam_v[coarse.states][:nx], lam_v[coarse.states][-nx:]
+    free = _spread(lam_v[coarse.free[0]], carrying, count) * shorter
+    rows = [_spread(lam_g[coarse.defects[0]], middles, count)]
+    stop = coarse.defects[0].stop
+    for _, at in coarse.path.values():
+        rows.append(_spread(lam_g[at], (c.tau, f.tau), count) * shorter)
+        stop = at.stop
+    # what is asked for once, before the states and after all that is asked for along the way
+    v = np.concatenate([lam_v[: coarse.states.start], x, free])
+    g = np.concatenate([*rows, lam_g[stop:]])
+    return replace(start, lam_v=v / fine.cost * fine.sizes, lam_g=g / fine.cost * fine.rows)
+
+
+def _spread(
+    values: np.ndarray, times: Sequence[np.ndarray], count: int, *, ends: bool = False
+) -> np.ndarray:
+    """Return values (n r,), r at each of the first times (n,), at the second times (m,), on
+    straight lines through those of one place within all intervals, which have `count` each; with
+    `ends` all but the first and the last values.
+    """
+    before, after = times
+    rows = values.reshape(before.size, -1)
+    found = np.empty((after.size, rows.shape[1]))
+    for k in range(count):
+        inner = slice(k + count * ends, before.size - count * ends, count)
+        lines = [np.interp(after[k::count], before[inner], row) for row in rows[inner].T]
+        found[k::count] = np.transpose(lines)
+    return found.ravel()
 
 
 def _arc(layout: Layout, point: NLPPoint, k: int) -> Arc:

@@ -34,6 +34,19 @@ _DEFAULTS: dict[str, Any] = {
 # leaves the least fill-in, and takes little time itself
 _LARGE, _DENSE_APART = 10_000, {"ipopt.mumps_pivot_order": 6}
 _NEARBY = 1e-3  # first barrier parameter where the guess is near
+# The same where the guess has multipliers, and how far it is moved inside: from the point of a grid
+# a tenth as fine it takes half the iterations that it takes from the usual 0.1, and no fewer from
+# smaller ones
+_KNOWN = 1e-6
+_WARM: dict[str, Any] = {
+    "mu_init": _KNOWN,
+    "warm_start_init_point": "yes",
+    "warm_start_bound_push": _KNOWN,
+    "warm_start_bound_frac": _KNOWN,
+    "warm_start_slack_bound_push": _KNOWN,
+    "warm_start_slack_bound_frac": _KNOWN,
+    "warm_start_mult_bound_push": _KNOWN,
+}
 _FINAL = ("max_iter", "obj_scaling_factor")  # what is asked for takes account of what is set
 _STOPS = {
     "Solve_Succeeded": Stop.SOLVED,
@@ -109,7 +122,8 @@ class Ipopt:
             with requesting(
                 observer.ask
             ):  # from the start: in a callback Ctrl-C would pass for a failure of casadi
-                solver = _solver(nlp, observer, self._settings())
+                warm = {} if guess.lam_v is None or guess.lam_g is None else _WARM
+                solver = _solver(nlp, observer, warm | self._settings())
                 built = time.perf_counter()
                 result = solver(**arguments(nlp, guess))
         except RuntimeError as error:
