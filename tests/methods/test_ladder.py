@@ -108,7 +108,8 @@ def test_multipliers_of_a_coarse_grid_are_nearly_those_of_a_fine_one(scheme: Sch
         assert mine is not None
         assert its is not None
         assert np.abs(mine - its).sum() < 0.3 * np.abs(its).sum()
-    assert np.abs(found.v - points[1].v).mean() < 0.02
+    states = laid[1][1].states  # controls ring, each grid's in its own way
+    assert np.abs(found.v - points[1].v)[states].mean() < 0.02
 
 
 def test_few_intervals_are_solved_as_they_are() -> None:
