@@ -46,8 +46,8 @@ def derived(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         seen.append(setting.name())
         return known(setting, *given)
 
-    known = principle._with_singular
-    monkeypatch.setattr(principle, "_with_singular", counted)
+    known = principle._chain
+    monkeypatch.setattr(principle, "_chain", counted)
     return seen
 
 
