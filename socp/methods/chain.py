@@ -71,21 +71,18 @@ def _solved(
     method: Method, problem: Problem, family: Family | None, guess: Solution, watch: Watch
 ) -> tuple[Problem, Solution]:
     """Return a problem as it was solved, and the solution: as one of its family, which shares what
-    is derived, where that holds no constant as a parameter, or where the guess leads to it.
+    is derived, where the guess leads to it.
 
-    A search is for a problem of numbers: a constant that is zero may change its laws.
+    A search derives anew: a constant that is zero may change laws, and so may a start that no
+    control moves away from, from which points that decide what vanishes are drawn.
     """
-    if family is not None:
-        member = family.member(problem)
-        if not family.open:
-            return member, method.solve(independent(member), guess, watch)
-        origin = family.origin(guess) if guess.lawful else None
-        if origin is not None:
-            inside = family.inside(guess, origin)
-            found = method.near(independent(member), inside, origin, watch)
-            if found is not None:
-                family.note(problem, member)
-                return member, family.inside(found, member)
+    origin = family.origin(guess) if family is not None and guess.lawful else None
+    if family is not None and origin is not None:
+        member, inside = family.member(problem), family.inside(guess, origin)
+        found = method.near(independent(member), inside, origin, watch)
+        if found is not None:
+            family.note(problem, member)
+            return member, family.inside(found, member)
     return problem, method.solve(independent(problem), guess, watch)
 
 

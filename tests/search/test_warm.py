@@ -11,9 +11,10 @@ from records import revised
 
 from socp import solve
 from socp.errors import MethodError, SocpError, SolveError
-from socp.laws import principle
+from socp.laws import arc_law, principle
 from socp.methods import default_guess
 from socp.model import (
+    Mode,
     Problem,
     Solution,
     Stop,
@@ -255,12 +256,34 @@ def test_neighbours_by_other_values_share_what_is_derived(
     assert {f.kind for f in guess.verdict.findings} == {f.kind for f in alone.verdict.findings}
 
 
-def test_a_search_at_other_ends_derives_nothing_anew(derived: list[str]) -> None:
-    pond = fresh(POND)
-    assert solve(pond).extremal
+def test_a_neighbour_at_other_ends_derives_nothing_anew(derived: list[str]) -> None:
+    guess = solve(pond := fresh(POND))
+    guess = solve(pond.with_({"start.x": 1.5}), guess)
     count = len(derived)
-    close(solve(pond.with_({"start.x": 2})), (1.75**3 + 0.75**3) / 3, [1.75, 3.25])
+    close(solve(pond.with_({"start.x": 2}), guess), (1.75**3 + 0.75**3) / 3, [1.75, 3.25])
     assert len(derived) == count > 0
+
+
+def test_a_search_takes_no_law_from_a_start_that_nothing_moves_away_from() -> None:
+    """With no prey sigma vanishes all the way: no law is found there, nor is one asked for."""
+    y, c = states("y c")
+    empty = Problem(
+        name="fishery of two",
+        minimise=c,
+        dynamics={
+            x: x - x * y - 0.4 * x * u,
+            y: -y + x * y - 0.2 * y * u,
+            c: (x - 1) ** 2 + (y - 1) ** 2,
+        },
+        bounds={u: (0, 1)},
+        start={x: 0, y: 0, c: 0},
+        final_time=12,
+    )
+    with pytest.raises(MethodError):
+        arc_law(empty, (Mode("singular"),))
+    found = solve(empty.with_({"start.x": 0.5, "start.y": 0.7}))
+    assert found.word == "u: - + s"
+    assert found.extremal
 
 
 def test_a_guess_is_told_by_what_it_carries(solved: Solution) -> None:
