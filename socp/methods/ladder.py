@@ -49,13 +49,17 @@ def solve_uniform(
     while counts[0] >= _COARSEST * _FINER:
         counts.insert(0, counts[0] // _FINER)
     climbed = _climbed(phased, scheme, counts, backend, guess, watch) if counts[1:] else None
-    if climbed is not None and (climbed.stop.ok or climbed.stop is Stop.INTERRUPTED):
+    whole = climbed is not None and len(climbed.arcs[0].mesh) == count + 1
+    if climbed is not None and (climbed.stop.ok and whole or climbed.stop is Stop.INTERRUPTED):
         return climbed
     solution = solve_collocated(phased, [uniform(scheme, count)], backend, guess, watch)
     if climbed is None:
         return solution
+    solution = solution.after(climbed)
+    if solution.stop.ok or solution.stop is Stop.INTERRUPTED or not whole:
+        return solution
     # neither meets the tolerances: the one that began nearer is as good as any
-    return (solution if solution.stop.ok else climbed).after(climbed)
+    return replace(climbed, effort=solution.effort)
 
 
 def _climbed(
@@ -65,9 +69,9 @@ def _climbed(
     backend: Solver,
     guess: Solution,
     watch: Watch,
-) -> Solution | None:
-    """Return the solution on the last of grids of so many intervals, from one to the next; None
-    where one before does not meet the tolerances.
+) -> Solution:
+    """Return the solution on the last of grids of so many intervals, from one to the next, or on
+    the first of them that does not meet the tolerances.
     """
     known: tuple[Layout, NLPPoint, Solution] | None = None
     for count in counts:
@@ -85,8 +89,6 @@ def _climbed(
     assert known is not None  # noqa: S101 - there is one grid at least
     climbed, done = known[2], counts.index(count)
     if count < counts[-1]:
-        if climbed.stop is not Stop.INTERRUPTED:
-            return None
         climbed = replace(climbed, message=f"{climbed.message}, on {count} intervals")
     if not done:
         return climbed
