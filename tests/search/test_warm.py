@@ -21,6 +21,7 @@ from socp.model import (
     constants,
     final_time,
     from_json,
+    parameters,
     states,
     to_json,
 )
@@ -297,3 +298,17 @@ def test_a_guess_is_told_by_what_it_carries(solved: Solution) -> None:
 def loaded(solution: Solution) -> Solution:
     """Return a solution as it is read from its file."""
     return from_json(to_json(solution))
+
+
+def test_a_guess_of_a_problem_of_other_parameters_is_a_guess_all_the_same() -> None:
+    given = {"minimise": final_time, "start": {x: 0, v: 0}, "end": {x: 1, v: 0}}
+    plain = Problem(name="plain", dynamics={x: v, v: u}, bounds={u: (-1, 1)}, **given)
+    drift = parameters("drift")
+    drifting = Problem(
+        name="drifting", dynamics={x: v, v: u + drift}, bounds={u: (-1, 1), drift: (0, 0)}, **given
+    )
+    for problem, other in ((plain, drifting), (drifting, plain)):
+        guess = solve(other, method="lgr-multiphase", word="+ -")
+        found = solve(problem.with_({"end.x": 4}), guess=guess)
+        assert found.extremal
+        assert found.objective == pytest.approx(4.0, rel=1e-9)

@@ -3,12 +3,14 @@ compiled functions, which have parameters for arguments, serve all of them.
 """
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Any, final
 
 import casadi
 
+from socp.errors import ProblemError
 from socp.model.data.carried import known_problem
 from socp.model.data.constants import planted
 from socp.model.data.portable import NUMBERS, TIMES
@@ -157,13 +159,15 @@ class Family:
         if (mark,) in known:
             found: Problem = known[(mark,)]
             return found
-        own = known_problem(guess)
-        if own is None or (own.state_names, own.control_names) != (
-            self.problem.state_names,
-            self.problem.control_names,
+        own, posed = known_problem(guess), self.problem
+        if own is None or any(
+            getattr(own, kind) != getattr(posed, kind)
+            for kind in ("state_names", "control_names", "parameter_names")
         ):
             return None
-        return self.member(own)
+        with suppress(ProblemError):  # one that reads otherwise may have what this has not
+            return self.member(own)
+        return None
 
     def note(self, problem: Problem, member: Problem) -> None:
         """Keep the member that a problem is, for solutions that tell it."""
