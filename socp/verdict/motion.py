@@ -49,6 +49,8 @@ FINE = 1e-13
 # Points looked at in every step: a parabola, which takes DOP853 one step, hides 1/400 of its height
 # there
 _LOOKS = 20
+# Of the horizon: how long a step is tried at most. Its stages leave a quarter of it without a look
+_LONGEST = 1 / 16
 _GLANCES = 4  # the same on a short piece, over which nothing rises much
 # Steps of DOP853, but for the first few on every piece, after which a motion is taken for stiff and
 # goes on by a method for that: some second of time, and what is not stiff takes a tenth
@@ -166,7 +168,7 @@ def _in_rows(
     """Take steps in rows from y under parameters p for as long as that leads on, those of all plans
     in one and those of a law; none where casadi does not know a control.
     """
-    (y, p), (scale, _, rtol) = now, size
+    (y, p), (scale, horizon, rtol) = now, size
     pieces = [piece for _, piece in legs]
     known = all(each.control is None and each.end > each.start for each in pieces)
     most = np.append(_DIVERGED * scale[:-1], math.inf)
@@ -176,19 +178,25 @@ def _in_rows(
         own = list(group)
         flow = open_flow(problem) if modes is None else closed_flow(problem, modes)
         course = Course(flow, planned(pieces), p, latest, rtol, rtol * scale)
-        done.append(found := strides(course, np.hstack([_laid(legs[k], k) for k in own]), y, most))
+        laid = np.hstack([_laid(legs[k], k, _LONGEST * horizon) for k in own])
+        done.append(found := strides(course, laid, y, most))
         if not found.ends.size or found.ends[-1] < pieces[own[-1]].end:
             break
         y = found.after[-1]
     return Strides.joined(done)
 
 
-def _laid(leg: Leg, k: int) -> np.ndarray:
-    """Return steps as `strides` has them: one over a plan, one an interval of the mesh by a law."""
+def _laid(leg: Leg, k: int, longest: float) -> np.ndarray:
+    """Return steps as `strides` has them: one over a plan, one an interval of the mesh by a law,
+    or several that are not too long.
+    """
     arc, piece = leg
     inside = arc.t[arc.mesh] if piece.modes is not None else arc.t[:0]
     inside = inside[(inside > piece.start) & (inside < piece.end)]
     corners = np.concatenate([[piece.start], inside, [piece.end]])
+    if piece.end - piece.start > longest:
+        place = np.append(0.0, np.cumsum(np.ceil(np.diff(corners) / longest)))
+        corners = np.interp(np.arange(place[-1] + 1), place, corners)
     return np.array([corners[:-1], corners[1:], np.full(corners.size - 1, float(k))])
 
 

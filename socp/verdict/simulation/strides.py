@@ -130,8 +130,8 @@ def strides(course: Course, laid: np.ndarray, y: np.ndarray, most: np.ndarray) -
     """
     left = _TRIED + 2 * laid.shape[1]
     done = [Strides.none(y.size)]
-    rows: list[_Row] = vars(course.flow).setdefault(_ROWS, [])
-    row = rows.pop() if rows else _Row(course.flow)  # nobody else works on it meanwhile
+    rows: dict[int, _Row] = vars(course.flow).setdefault(_ROWS, {})
+    row = rows.pop(_ROW, None) or _Row(course.flow)  # nobody else works on it meanwhile
     while laid.shape[1] and left > 0 and not _too_short(laid):
         in_time("re-integration")
         now, laid = laid[:, :_ROW], laid[:, _ROW:]
@@ -146,7 +146,7 @@ def strides(course: Course, laid: np.ndarray, y: np.ndarray, most: np.ndarray) -
         if bad.size:
             laid = np.hstack([_cut(now[:, good:], off[good:]), laid])
         y = done[-1].after[-1] if good else y
-    rows.append(row)
+    rows[_ROW] = row
     return Strides.joined(done)
 
 
