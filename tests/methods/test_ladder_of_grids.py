@@ -145,3 +145,24 @@ def test_an_interrupted_solution_says_on_which_grid() -> None:
     found = climbed(problem, euler(), 2000, backend)
     assert (found.stop, found.message) == (Stop.INTERRUPTED, "interrupted, on 20 intervals")
     assert len(found.arcs[0].mesh) == 21
+
+
+@pytest.mark.usefixtures("small")
+@pytest.mark.parametrize("ending", [Stop.INTERRUPTED, Stop.FAILED])
+@pytest.mark.parametrize("lost", [20, 200], ids=["coarse", "fine"])
+def test_what_failed_on_the_way_is_counted_once(lost: int, ending: Stop) -> None:
+    """Where the last solve is interrupted the solution says so, and every iteration is its own."""
+    counts = list[int]()
+
+    def backend(nlp: NLP, guess: NLPPoint, _: Any = None) -> NLPPoint:
+        found = Ipopt()(nlp, guess)
+        counts.append(found.iterations)
+        on_way = guess.lam_g is not None or (lost == 20 and len(counts) == 1)
+        stop = Stop.FAILED if on_way else found.stop if len(counts) == 1 else ending
+        return replace(found, stop=stop, message="lost" if on_way else "ended")
+
+    found = climbed(of("vdp_regulator"), euler(), 200, backend)
+    assert found.stop is ending
+    assert len(counts) == (2 if lost == 20 else 3)
+    assert found.effort.iterations == sum(counts)
+    assert len(found.arcs[0].mesh) == 201
