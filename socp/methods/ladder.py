@@ -50,7 +50,7 @@ def solve_uniform(
         counts.insert(0, counts[0] // _FINER)
     climbed = _climbed(phased, scheme, counts, backend, guess, watch) if counts[1:] else None
     whole = climbed is not None and len(climbed.arcs[0].mesh) == count + 1
-    if climbed is not None and (climbed.stop.ok and whole or climbed.stop is Stop.INTERRUPTED):
+    if climbed is not None and ((climbed.stop.ok and whole) or climbed.stop is Stop.INTERRUPTED):
         return climbed
     solution = solve_collocated(phased, [uniform(scheme, count)], backend, guess, watch)
     if climbed is None:

@@ -297,7 +297,9 @@ class _Shooting:
         levels, little = shots.levels.swapaxes(0, 1), 1e-6 * horizon
         going = np.where(shots.lengths.T > 0.0, little, 0.0)
         # those of all arcs side by side
-        state = self._flown(np.hstack(list(states)), np.vstack(list(levels)), going.ravel(), brief=True)
+        state = self._flown(
+            np.hstack(list(states)), np.vstack(list(levels)), going.ravel(), brief=True
+        )
         for k in range(1, _ARCS):
             lengths = np.tile(shots.lengths[:, k], k)
             state[:, : k * n] = self._flown(state[:, : k * n], np.tile(levels[k], (k, 1)), lengths)
