@@ -307,8 +307,7 @@ def test_a_guess_of_a_problem_of_other_parameters_is_a_guess_all_the_same() -> N
     drifting = Problem(
         name="drifting", dynamics={x: v, v: u + drift}, bounds={u: (-1, 1), drift: (0, 0)}, **given
     )
-    for problem, other in ((plain, drifting), (drifting, plain)):
-        guess = solve(other, method="lgr-multiphase", word="+ -")
-        found = solve(problem.with_({"end.x": 4}), guess=guess)
-        assert found.extremal
-        assert found.objective == pytest.approx(4.0, rel=1e-9)
+    guess = solve(drifting, method="lgr-multiphase", word="+ -")
+    found = solve(plain.with_({"end.x": 4}), guess=guess)
+    assert found.extremal
+    assert found.objective == pytest.approx(4.0, rel=1e-9)
