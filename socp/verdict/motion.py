@@ -55,6 +55,9 @@ _GLANCES = 4  # the same on a short piece, over which nothing rises much
 # Steps of DOP853, but for the first few on every piece, after which a motion is taken for stiff and
 # goes on by a method for that: some second of time, and what is not stiff takes a tenth
 _MANY, _FEW = 1000, 10
+# Steps on one piece: where a rate grows without end those of that method shrink until time stands
+# still, and it does not say so; what is stiff takes some thousands
+_MOST = 100_000
 _DIVERGED = 1e6  # times the problem's own magnitude: the state has left for good
 # A piece this short against the horizon is tried in one step: no time goes into choosing the first
 _SHORT = 1e-2
@@ -321,6 +324,8 @@ def _integrate(
             stiff = True
         message, taken = solver.step(), taken + 1
         looks.log.steps += taken > _FEW
+        if taken > _MOST or solver.t == solver.t_old:
+            return solver.y, f"integration came to a halt at t = {solver.t:.6g}"
         if solver.status == "failed" or not np.all(np.abs(solver.y[:-1]) <= _DIVERGED * scale[:-1]):
             return (
                 solver.y,
