@@ -1088,7 +1088,7 @@ def test_ctrl_c_five_times_is_130_and_no_traceback(gap: float, tmp_path: Path) -
         "-m",
         "euler-ipopt",
         "-o",
-        "steps=10000",  # longer than the five seconds until a line of progress, on any machine
+        "steps=60000",  # longer than the five seconds until a line of progress, on any machine
         "-o",
         "ipopt.tol=1e-13",
         cwd=tmp_path,
