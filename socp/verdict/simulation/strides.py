@@ -101,11 +101,7 @@ class _Row:
         one, stages = one_step(flow), DOP853_TIMES.size
         n, nu, count = flow.size1_out(0), flow.size1_in(1), flow.size1_in(3)
         self.y = np.zeros((_ROW + 1, n))
-        self.u, self.t, self.h = (
-            np.zeros((_ROW, stages, nu)),
-            np.zeros((_ROW, stages)),
-            np.zeros(_ROW),
-        )
+        self.u, self.t = np.zeros((_ROW, stages, nu)), np.zeros((_ROW, stages))
         self.h, self.p = np.zeros(_ROW), np.zeros(count)
         self.rtol, self.atol = np.zeros(1), np.zeros(n)
         self.errors, self.between = np.zeros((_ROW, 2)), np.zeros((_ROW, 7, n))
