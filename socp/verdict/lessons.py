@@ -5,8 +5,15 @@ not found yet.
 import numpy as np
 
 from socp.errors import LateError, MethodError
-from socp.laws import LostError, derive, forget_derivation, note_points, noted_points
-from socp.model import LAWS, Problem, Solution, parameters_of
+from socp.laws import (
+    LostError,
+    derive,
+    extremal_arc,
+    forget_derivation,
+    note_points,
+    noted_points,
+)
+from socp.model import LAWS, Mode, Modes, Problem, Solution, parameters_of
 from socp.process import time_limit
 from socp.verdict.structure import structure_of
 
@@ -55,13 +62,13 @@ def _has_law(problem: Problem, name: str) -> bool:
     return True
 
 
-def left_open(problem: Problem, name: str) -> bool:
-    """Tell whether it is proved that a control has no singular law: that the principle leaves it
-    open wherever its switching function vanishes.
+def left_open(problem: Problem, i: int, modes: Modes) -> bool:
+    """Tell whether it is proved that control i has no singular law while the others are in their
+    modes: that the principle leaves it open wherever its switching function vanishes there.
     """
     try:
         with time_limit(LAWS):
-            derive(problem, (name,))
+            extremal_arc(problem, (*modes[:i], Mode("singular"), *modes[i + 1 :]))
     except LostError as error:
         return error.proved
     except MethodError:

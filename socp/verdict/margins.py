@@ -13,6 +13,7 @@ from socp.model import (
     TINY,
     Arc,
     Mode,
+    Modes,
     Place,
     Problem,
     Solution,
@@ -59,10 +60,12 @@ def indifferent(
     that the principle leaves open there.
 
     sigma (nu, n) at the judge's nodes. Where a control has a singular law, another control takes
-    its switching function off zero; where it has none, as while a price is flat, every control of
-    the same integral does as well, and a bang is as good an extremal as any.
+    its switching function off zero; where it has none, as while a price is flat or a vehicle turns
+    with its engine off, every control of the same effect does as well, and a bang is as good an
+    extremal as any.
     """
     found = []
+    arcs = list(_joint_arcs(problem, solution, samples))
     width = np.diff(problem.box, axis=0)[0]
     horizon = solution.final_time - solution.initial_time
     # a joint's node belongs to its own side: at a knot the switching function may jump
@@ -74,8 +77,9 @@ def indifferent(
                 continue
             if np.abs(sigma[i, inside]).max() * width[i] > _VANISHES * size:
                 continue
-            if left_open(problem, name):
-                found.append(Place(control=name, stretch=number, mode=Mode.parse(mode)))
+            place = Place(control=name, stretch=number, mode=Mode.parse(mode))
+            if all(left_open(problem, i, _modes(arc)) for arc, _ in arcs if arc[i] == place):
+                found.append(place)
     return found
 
 
@@ -126,7 +130,7 @@ def legendre_clebsch(
     unknown: list[str] = []
     began = monotonic()
     for arc, inside in _joint_arcs(problem, solution, samples):
-        modes = tuple(place.mode for place in arc if place.mode is not None)
+        modes = _modes(arc)
         singular = [i for i, mode in enumerate(modes) if mode.kind == "singular"]
         if not singular:
             continue
@@ -160,6 +164,10 @@ def _joint_arcs(
     joint = list(zip(*rows, strict=True))
     for arc in dict.fromkeys(joint):
         yield arc, np.repeat([each == arc for each in joint], samples.width)
+
+
+def _modes(arc: tuple[Place, ...]) -> Modes:
+    return tuple(place.mode for place in arc if place.mode is not None)
 
 
 def _once(arc: Arc) -> np.ndarray:
