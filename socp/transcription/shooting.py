@@ -23,20 +23,24 @@ from socp.model import (
     condition_function,
     condition_slopes,
     end_values,
+    evaluate,
     lately,
     mayer_function,
     numbers,
     of_motion,
     parameters_of,
+    rate_function,
     scales,
     time,
 )
 from socp.transcription.motion import Motion, motion_of
 from socp.transcription.phases import Phase, PhasedProblem
 
-_ACTIVE = (
-    1e-7  # of sizes: an inequality at an end as near as this to its limit is taken for an equation
-)
+# Of sizes: an inequality at an end as near as this to its limit is taken for an equation
+_ACTIVE = 1e-7
+# Of a state's size over the horizon: what moves slower next to its bound decays towards it
+_RUNS = 1e-3
+_ON = " on "  # before the name of a bound
 _KEPT = 4  # shapes of a problem whose functions are kept: a search goes to and fro between two
 
 
@@ -44,10 +48,9 @@ _KEPT = 4  # shapes of a problem whose functions are kept: a search goes to and 
 @dataclass(frozen=True, eq=False)
 class EndRow:
     """What has a `level` at the ends of the horizon, by its name: `start.x`, `end.x`, a
-    parameter's, `initial_time`, `final_time`, or `target.` and a condition's, whose level is 0.
-
-    Of an active inequality, sign times multiplier must not be negative; the sign of an equation is
-    0.
+    parameter's, `initial_time`, `final_time`, or `target.` and a condition's, whose level is 0; a
+    bound's own name comes after that of its state. Of an active inequality, sign times multiplier
+    must not be negative; an equation's is 0.
     """
 
     name: str
@@ -180,9 +183,7 @@ class Shooting:
         not be negative there.
         """
         count = self.others.size + sum(each.equations.size for each in self.blocks)
-        found = np.zeros(count)
-        found[count - len(self.ends) :] = [row.sign for row in self.ends]
-        return found
+        return np.append(np.zeros(count - len(self.ends)), [row.sign for row in self.ends])
 
     @cached_property
     def others(self) -> np.ndarray:
@@ -213,9 +214,8 @@ class Shooting:
     @cached_property
     def levels(self) -> np.ndarray:
         """What the values of `joined` have to be (k,): the levels of the ends, zero elsewhere."""
-        found = np.zeros(self.others.size)
-        found[found.size - len(self.ends) :] = [row.level for row in self.ends]
-        return found
+        count = self.others.size - len(self.ends)
+        return np.append(np.zeros(count), [row.level for row in self.ends])
 
     @cached_property
     def counts(self) -> list[int]:
@@ -266,13 +266,11 @@ class Shooting:
             f"target.{each.name}": condition_function(problem, each)(xf, x0, p, t0, tf)
             for each in problem.conditions
         }
-        return casadi.vertcat(*(values[row.name] for row in self.ends))
+        return casadi.vertcat(*(values[row.name.partition(_ON)[0]] for row in self.ends))
 
     @cached_property
     def ends(self) -> list[EndRow]:
-        """What holds at the ends of the horizon, the last rows of the equations: fixed values,
-        active limits, conditions.
-        """
+        """The last rows of the equations: what is fixed at the ends, limits there, conditions."""
         problem, solution = self.phased.of, self.solution
         values = end_values(problem, solution)
         last, first, parameters, *times = values
@@ -282,6 +280,8 @@ class Shooting:
         boxes += [np.array([problem.initial_time_box, problem.final_time_box]).T]
         given = np.concatenate([first, last, parameters, times]), np.hstack(boxes)
         rows = list(self._rows(*given, self.near * np.concatenate(near)))
+        held = {row.name for row in rows}
+        rows += self._on_bounds(held, self.near * scale) if problem.constraints else []
         for condition in problem.conditions:
             psi = condition_function(problem, condition)
             slopes = numbers(condition_slopes(problem, condition), *values)
@@ -303,6 +303,25 @@ class Shooting:
                 yield EndRow(name, low, -1.0)
             elif v >= high - size or (name, 1.0) in self.active:
                 yield EndRow(name, high, 1.0)
+
+    def _on_bounds(self, held: set[str], near: np.ndarray) -> Iterator[EndRow]:
+        """Yield the bounds of states, `near` (nx,) at an end where not `held`, that the motion has
+        run into, there or before: what decays towards a bound is not held by it.
+        """
+        problem, box, solution = self.phased.of, self.phased.of.state_box[:, :, None], self.solution
+        p, slow = parameters_of(problem, solution), _RUNS * near / self.near / np.ptp(solution.t)
+        x, u, t = solution.rows("x"), solution.rows("u"), solution.t
+        rate, off = evaluate(rate_function(problem), x, u, t, p)[0], np.abs(x - box) > near[:, None]
+        asked = casadi.vertcat(*(each.expression for each in problem.conditions))
+        for end, k, z in (("start", 1, problem.x0), ("end", -1, problem.x)):
+            kept = self.phased.phases[min(k, 0)].kept
+            count = off[:, :, ::k].argmax(axis=2)  # nodes in a row, seen from the end
+            came = np.take_along_axis(rate[None, :, ::k], count[:, :, None] - 1, axis=2)[:, :, 0]
+            for (j, i), on in np.ndenumerate((count > 0) & (np.abs(came) >= slow)):
+                name = f"{(state := problem.state_names[i])}.{('lower', 'upper')[j]}"
+                row = EndRow(f"{end}.{state}{_ON}{name}", box[j, i, 0], 2.0 * j - 1.0)
+                own = f"{end}.{state}" in held or name in kept or casadi.depends_on(asked, z[i])
+                yield from [row] if not own and (on or (row.name, row.sign) in self.active) else []
 
     def split(self, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
         """Return the times (phases + 1,) between the phases, the parameters (np,) and the values
