@@ -19,6 +19,7 @@ import numpy as np
 from socp.errors import ProblemError
 from socp.laws import completed, independent
 from socp.model import (
+    EXTREMAL,
     SHORTEST,
     Arc,
     Condition,
@@ -42,6 +43,7 @@ from socp.verdict.lessons import learn
 from socp.verdict.multipliers import Case, multipliers
 from socp.verdict.nodes import Samples, sample
 from socp.verdict.reintegration import verify, verify_finely
+from socp.verdict.signs.short import Short
 from socp.verdict.structure import structure_of
 
 __all__ = ["Case", "case", "certify", "multipliers"]
@@ -99,6 +101,9 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
     unused = estimates.integral(samples, _gain(problem, samples, switching)) if certain else 0.0
     strict = margins.strictness(problem, solution, samples, switching, size)
     open_ = margins.indifferent(problem, solution, samples, switching, size)
+    level = min(max((each.residual for each in findings), default=0.0), EXTREMAL)
+    drowned = (place for place, margin in strict.items() if margin <= level)
+    told = Short(along, costate, size, level).told(drowned)
     clebsch, unknown = margins.legendre_clebsch(problem, solution, samples, costate)
     verdict = Verdict(
         miss=max((f.off for f in solution.verified), default=float("inf")),
@@ -109,8 +114,8 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
         normality=min(laid.cost / size, 1.0),
         legendre_clebsch=clebsch,
         chattering=tuple(chattering(problem, solution)),
-        notes=(*unknown, *map(_left_open, open_)),
-        margins={place: margin for place, margin in strict.items() if place not in open_},
+        notes=(*unknown, *map(_left_open, open_), *map(_by_derivatives, told)),
+        margins={place: each for place, each in strict.items() if place not in {*open_, *told}},
         ringing=margins.ringing(problem, solution),
         objective_error=error,
         remaining_error=error + unused,
@@ -125,6 +130,13 @@ def _left_open(place: Place) -> str:
     return (
         f"the principle leaves {place} open: its switching function vanishes throughout, so any "
         "other control of the same effect on the states at the end of it does as well"
+    )
+
+
+def _by_derivatives(place: Place) -> str:
+    return (
+        f"{place} is so short that its switching function stays within what the conditions leave: "
+        "its derivatives where it switches tell its sign"
     )
 
 

@@ -1,0 +1,1 @@
+"""Signs of switching functions where their values do not tell them."""
