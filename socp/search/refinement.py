@@ -61,9 +61,9 @@ def refine(
     if late:
         return try_words(problem, _late(problem, direct, search), search, watch, solves)
     first, limits = read(problem, direct), read(problem, direct, limits=True)
-    shown = [first] if limits.key == first.key else [first, limits]
-    shown = [with_hidden_bangs(problem, each) for each in shown]
-    return try_words(problem, _early(first), search, watch, solves, shown)
+    read_off = [first] if limits.key == first.key else [first, limits]
+    shown = [with_hidden_bangs(problem, each) for each in read_off]
+    return try_words(problem, _early(read_off), search, watch, solves, shown)
 
 
 def try_words(
@@ -141,10 +141,10 @@ def _residual(solution: Solution) -> float:
     return max((each.residual for each in kept), default=1.0)
 
 
-def _early(first: Candidate) -> Iterator[list[Candidate]]:
-    """Yield what labels show, then the same with bangs at the ends."""
-    yield [first]
-    yield list(starts(first))
+def _early(read_off: Sequence[Candidate]) -> Iterator[list[Candidate]]:
+    """Yield what labels show first, then what either reading shows with bangs at the ends."""
+    yield [read_off[0]]
+    yield from (list(starts(each)) for each in read_off)
 
 
 def _late(problem: Problem, direct: Solution, search: Search) -> Iterator[list[Candidate]]:

@@ -78,7 +78,9 @@ class Short:
         are not all known, or the costates or the problem's functions jump in between.
         """
         along, samples = self.along, self.along.samples
-        own = [k for k, arc in enumerate(along.solution.arcs) if start < arc.t[-1] and arc.t[0] < end]
+        own = [
+            k for k, arc in enumerate(along.solution.arcs) if start < arc.t[-1] and arc.t[0] < end
+        ]
         inner = samples.edges[(samples.edges > start) & (samples.edges < end)]
         broken = samples.on_knot(inner).any() or np.isin(inner, self._jumps).any()
         lawful = len(own) == 1 and along.solution.arcs[own[0]].lawful
