@@ -52,6 +52,6 @@ APPROXIMATE = 1e-3
 # reaches by luck
 EXTREMAL = 1e-6
 # of the horizon: a shorter arc is none. What it is worth is at most its share of the horizon times
-# the Hamiltonian's magnitude, in which residuals are measured: below their tolerance no condition
-# tells it from none
+# the Hamiltonian's magnitude, in which residuals are measured: below their tolerance no residual
+# tells it from none. Where derivatives of a switching function do, it is one down to `SAME_TIME`
 SHORTEST = EXTREMAL

@@ -7,7 +7,7 @@ import numpy as np
 
 from socp.errors import MethodError
 from socp.methods import limits_met, polished, sound
-from socp.model import SHORTEST, Origin, Problem, Solution, Stop, Watch, known_problem, silent
+from socp.model import SAME_TIME, Origin, Problem, Solution, Stop, Watch, known_problem, silent
 from socp.search.effort import Ration, Search
 from socp.search.neighbours import word_of
 from socp.search.refinement import try_words
@@ -75,7 +75,7 @@ def neighbour(
     found = continued(problem, guess, origin, ahead)
     if found is None or not sound(problem, found):
         return None
-    shortest = SHORTEST * (found.final_time - found.initial_time)
+    shortest = SAME_TIME * (found.final_time - found.initial_time)
     if not all(arc.t[-1] - arc.t[0] > shortest for arc in found.arcs):
         return None
     judged = certified(problem, found)

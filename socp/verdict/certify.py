@@ -9,7 +9,7 @@ none within tolerance.
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -20,6 +20,7 @@ from socp.errors import ProblemError
 from socp.laws import completed, independent
 from socp.model import (
     EXTREMAL,
+    SAME_TIME,
     SHORTEST,
     Arc,
     Condition,
@@ -80,14 +81,16 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
     switching = offset + matrix @ z
     density = np.einsum("ncz,z->cn", along.costates.mu, z)
     slack = np.abs(density * samples.values["c"])
-    findings = _worst_of(
-        (
-            *laid.findings(z),
-            *claims.claims(along, density, size),
-            *_complementary(laid, slack, z, size),
-            *_without_length(solution),
-        )
+    strict = margins.strictness(problem, solution, samples, switching, size)
+    findings = (
+        *laid.findings(z),
+        *claims.claims(along, density, size),
+        *_complementary(laid, slack, z, size),
     )
+    level = min(max((each.residual for each in findings), default=0.0), EXTREMAL)
+    drowned = (place for place, margin in strict.items() if margin <= level)
+    told = Short(along, costate, size, level).told(drowned)
+    findings = _worst_of((*findings, *_without_length(solution, told)))
     certain = all(finding.holds for finding in findings)
     # where all holds, the gain would measure the judge
     gain = slack.sum(axis=0) + (0.0 if certain else _gain(problem, samples, switching))
@@ -99,11 +102,7 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
     )
     error += estimates.worth_of_misses(along, z, switching, density)
     unused = estimates.integral(samples, _gain(problem, samples, switching)) if certain else 0.0
-    strict = margins.strictness(problem, solution, samples, switching, size)
     open_ = margins.indifferent(problem, solution, samples, switching, size)
-    level = min(max((each.residual for each in findings), default=0.0), EXTREMAL)
-    drowned = (place for place, margin in strict.items() if margin <= level)
-    told = Short(along, costate, size, level).told(drowned)
     clebsch, unknown = margins.legendre_clebsch(problem, solution, samples, costate)
     verdict = Verdict(
         miss=max((f.off for f in solution.verified), default=float("inf")),
@@ -191,9 +190,17 @@ def _gain(problem: Problem, samples: Samples, switching: np.ndarray) -> np.ndarr
     return np.array(np.maximum(gap, 0.0).sum(axis=0))
 
 
-def _without_length(solution: Solution) -> tuple[Finding, ...]:
-    """Find the arcs of a word that have no length: the word has too many."""
-    shortest = SHORTEST * (solution.final_time - solution.initial_time)
+def _without_length(solution: Solution, told: Sequence[Place]) -> tuple[Finding, ...]:
+    """Find the arcs of a word that have no length: the word has too many. Those that are stretches
+    whose sign is `told` by derivatives have one as long as their ends are two times.
+    """
+    horizon = solution.final_time - solution.initial_time
+    rows = (solution.structure[str(each.control)][(each.stretch or 1) - 1] for each in told)
+    asked = {(start, end) for _, start, end in rows}
+    lengths = [
+        (arc.t[-1] - arc.t[0], SAME_TIME if (arc.t[0], arc.t[-1]) in asked else SHORTEST)
+        for arc in solution.arcs
+    ]
     return tuple(
         Finding(
             kind=Condition.NO_LENGTH,
@@ -201,8 +208,10 @@ def _without_length(solution: Solution) -> tuple[Finding, ...]:
             place=Place(arc=k),
             t=float(arc.t[0]),
         )
-        for k, arc in enumerate(solution.arcs, start=1)
-        if arc.t[-1] - arc.t[0] <= shortest
+        for k, (arc, (length, least)) in enumerate(
+            zip(solution.arcs, lengths, strict=True), start=1
+        )
+        if length <= least * horizon
     )
 
 

@@ -58,20 +58,28 @@ class Short:
 
     def _signs(self, place: Place) -> Iterator[int]:
         """Yield for both ends of a stretch 1 where sigma is known from there to have the right
-        sign, -1 where it is known to have the wrong one somewhere, 0 else.
+        sign, 0 where that is not known, -1 where it is known to have the wrong one somewhere, or
+        not to vanish at the other end as it has to.
         """
         name = str(place.control)
         mode, start, end = self.along.solution.structure[name][(place.stretch or 1) - 1]
         own = self._arc(start, end)
         if own is None:
             return
-        i, sign = self.along.problem.control_names.index(name), 1.0 if mode == "-" else -1.0
-        for node, beside in ((0, own - 1), (-1, own + 1)):
-            zeros = self._zeros(i, own, beside)
-            if zeros:
-                low, high = self._bounds(i, own, node, zeros)
-                low, high = (low, high) if sign > 0.0 else (-high, -low)
-                yield -1 if high.min() < 0.0 else int(low.max() > 0.0)
+        i, right = self.along.problem.control_names.index(name), 1.0 if mode == "-" else -1.0
+        zeros = [self._zeros(i, own, beside) for beside in (own - 1, own + 1)]
+        for node, here, there in ((0, *zeros), (-1, *reversed(zeros))):
+            if not here:
+                continue
+            known = self._taylor(i, own, node, here)
+            ends = [known(np.ones(1), order) for order in range(there)] if known else []
+            if any(low[0] > 0.0 or high[0] < 0.0 for low, high in ends):
+                yield -1
+            elif known:
+                low, high = known(np.linspace(0.0, 1.0, _LOOKS + 1)[1:-1], 0)
+                wrong = high.min() < 0.0 if right > 0.0 else low.max() > 0.0
+                clear = low.max() > 0.0 if right > 0.0 else high.min() < 0.0
+                yield -1 if wrong else int(clear)
 
     def _arc(self, start: float, end: float) -> int | None:
         """Return the index of the arc that is a stretch, None where there are several, its modes
@@ -110,9 +118,9 @@ class Short:
             return 1
         return 2 * extremal_arc(problem, there).orders[problem.control_names[i]]
 
-    def _bounds(self, i: int, own: int, node: int, zeros: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return bounds of sigma_i at points of an arc, by its polynomial at one of its ends, of
-        which it is zero with all its derivatives below that of an order.
+    def _taylor(self, i: int, own: int, node: int, zeros: int) -> "_Taylor | None":
+        """Return the polynomial of sigma_i at one end of an arc, of which it is zero with all its
+        derivatives below that of an order; None where a derivative jumps on the way.
         """
         along, samples = self.along, self.along.samples
         inside, last = samples.arc == own, zeros + _BEYOND
@@ -122,16 +130,12 @@ class Short:
         slopes = np.abs(slopes.reshape(last + 1, t.size, -1)[:, node])
         off = self.level * slopes @ np.concatenate([along.scale, self._sizes])
         most = np.ptp(t) * np.abs(values[1:]).max(axis=1) + off[:-1]
-        if (np.ptp(values[:-1], axis=1) > most).any():  # one jumps, as where a rate has a kink
-            return np.full(1, -np.inf), np.full(1, np.inf)
-        tau = (t[0] + t[-1] - 2.0 * t[node]) * np.linspace(0.0, 1.0, _LOOKS + 1)[1:-1]
-        low, high = np.zeros(tau.size), np.zeros(tau.size)
-        for k in range(zeros, last + 1):
-            some = values[k] if k == last else values[k, [node]]
-            term = tau**k / factorial(k)
-            ends = np.outer([some.min() - off[k], some.max() + off[k]], term)
-            low, high = low + ends.min(axis=0), high + ends.max(axis=0)
-        return low, high
+        if (np.ptp(values[:-1], axis=1) > most).any():  # as where a rate has a kink
+            return None
+        low, high = values[:, node] - off, values[:, node] + off
+        low[last], high[last] = values[last].min() - off[last], values[last].max() + off[last]
+        low[:zeros] = high[:zeros] = 0.0
+        return _Taylor(low, high, float(t[0] + t[-1] - 2.0 * t[node]))
 
     @cached_property
     def _sizes(self) -> np.ndarray:
@@ -139,6 +143,27 @@ class Short:
         along = self.along
         rates = np.abs(along.samples.values["f"]).max(axis=1)
         return np.array(self.size / np.maximum(rates, along.scale / along.horizon))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Taylor:
+    """Bounds `low` and `high` (n,) of a function's derivatives at an end of a stretch, those of the
+    last one all along it; `length` of the stretch, negative where it ends there.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    length: float
+
+    def __call__(self, shares: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return bounds (m,) of the derivative of an order at shares of the stretch (m,)."""
+        tau = self.length * shares
+        low, high = np.zeros(tau.size), np.zeros(tau.size)
+        for k in range(order, self.low.size):
+            ends = np.outer([self.low[k], self.high[k]], tau ** (k - order) / factorial(k - order))
+            low, high = low + ends.min(axis=0), high + ends.max(axis=0)
+        return low, high
 
 
 @of_motion
