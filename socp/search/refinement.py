@@ -199,7 +199,9 @@ def _settled(problem: Problem, solution: Solution) -> Solution:
     do so far better than asked, the others are not for it to mend.
     """
     verdict = solution.verdict
-    if solution.extremal or verdict is None or not max(verdict.residual, verdict.miss) <= _NEARLY:
+    if solution.extremal or verdict is None:
+        return solution
+    if not max(_residual(solution), verdict.miss) <= _NEARLY:  # an arc may have a length thereafter
         return solution
     solved = (each.residual for each in verdict.findings if each.kind in _SOLVED)
     off = max(verdict.miss, verdict.drift)
