@@ -56,7 +56,11 @@ def lagrange(nodes: np.ndarray, values: np.ndarray, t: np.ndarray) -> np.ndarray
 def piecewise(nodes: np.ndarray, values: np.ndarray, t: np.ndarray, on: np.ndarray) -> np.ndarray:
     """Evaluate, at every time of t (k,), that of m polynomials through (nodes (m, p), values
     (r, m, p)) whose number stands in `on` (k,); returns (r, k). Each is as `lagrange` has it.
+    Polynomials that no time asks for cost nothing.
     """
+    if on.size < len(nodes):
+        asked, on = np.unique(on, return_inverse=True)
+        nodes, values = nodes[asked], values[:, asked]
     size, span = nodes.shape[1], nodes[:, -1] - nodes[:, 0]
     merged = (np.diff(nodes, axis=1) <= ROUNDED * np.abs(nodes).max(axis=1)[:, None]).any(axis=1)
     merged |= size == 1

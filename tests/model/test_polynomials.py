@@ -1,5 +1,6 @@
 """Polynomials through nodes, against 40-digit arithmetic and against closed forms."""
 
+import tracemalloc
 from typing import Literal
 
 import mpmath
@@ -15,6 +16,7 @@ from socp.model.polynomials import (
     lagrange,
     legendre,
     legendre_coefficients,
+    piecewise,
 )
 from socp.model.result.arc import Arc
 from socp.transcription.schemes import lgr
@@ -116,3 +118,16 @@ def test_many_intervals_at_once_are_what_each_is(
         nodes = arc.nodes(k, which)
         wanted[:, interval == k] = lagrange(t[nodes], values[:, nodes], at[interval == k])
     assert arc.at(at, which) == pytest.approx(wanted, rel=1e-13, abs=1e-13, nan_ok=True)
+
+
+def test_of_many_polynomials_those_asked_for_are_worked_on_alone() -> None:
+    """The parabola t^2 on a hundred thousand intervals, at three times."""
+    many, on = 100_000, np.array([70_000, 5, 70_000])
+    nodes = np.arange(many)[:, None] + np.array([0.0, 0.5, 1.0])
+    values, t = nodes[None] ** 2, on + np.array([0.2, 0.5, 0.9])
+    tracemalloc.start()
+    found = piecewise(nodes, values, t, on)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    np.testing.assert_allclose(found[0], t**2, rtol=1e-9)
+    assert most < 0.1 * nodes.nbytes
