@@ -21,6 +21,7 @@ from .mending import mends as mends
 from .neighbours import arc_insertions as arc_insertions
 from .neighbours import arc_removals as arc_removals
 from .neighbours import mode_changes as mode_changes
+from .neighbours import past as past
 from .neighbours import shortened as shortened
 from .neighbours import without_arc as without_arc
 from .neighbours import word_of as word_of
@@ -37,6 +38,7 @@ from .tree.branching import Branching as Branching
 from .tree.branching import Child as Child
 from .tree.softening import end_miss as end_miss
 from .tree.softening import softened_problem as softened_problem
+from .warm import beside as beside
 from .warm import continued as continued
 from .warm import neighbour as neighbour
 from .warm import next_to as next_to

@@ -6,16 +6,22 @@ from dataclasses import replace
 import numpy as np
 
 from socp.errors import MethodError
-from socp.methods import limits_met, polished, sound
+from socp.methods import Follower, limits_met, polished, sound
 from socp.model import SAME_TIME, Origin, Problem, Solution, Stop, Watch, known_problem, silent
 from socp.search.effort import Ration, Search
-from socp.search.neighbours import word_of
+from socp.search.neighbours import past, word_of
 from socp.search.refinement import try_words
+from socp.transcription import refined_meshes, resampled, unresolved
 from socp.verdict import certified, learn
 
 # Words tried from the guess's own before the search begins anew: where that does not hold any more,
 # an arc has come or gone, or its switches have to be solved for from afar
 _WORDS = 10
+# Arcs of a word that may have come to an end between a guess and a problem: as many as turn where
+# start and end both pass through a singular surface
+_TURNS = 2
+_ALONG = "Newton on the conditions of the guess's word"
+_BESIDE = "Newton on the conditions of a word next to the guess's"
 
 
 def warm_start(
@@ -60,7 +66,7 @@ def next_to(problem: Problem, guess: Solution, origin: Problem, search: Search) 
     """
     try:
         learn(problem, guess)
-        found = neighbour(problem, guess, origin)
+        found = beside(problem, guess, origin)
     except KeyboardInterrupt:
         return replace(_unjudged(problem, guess), stop=Stop.INTERRUPTED)
     if found is not None:
@@ -68,17 +74,56 @@ def next_to(problem: Problem, guess: Solution, origin: Problem, search: Search) 
     return found
 
 
+def beside(
+    problem: Problem, guess: Solution, origin: Problem, turns: int = _TURNS
+) -> Solution | None:
+    """Return the certified solution that Newton makes of a guess along its word, or along one that
+    holds where arcs of it have lost their lengths, up to so many in turn; None where there is none.
+    `origin`: the problem that the guess is a solution of.
+    """
+    along = continued(problem, guess, origin)
+    if along is None:
+        return None
+    lengths = np.array([arc.t[-1] - arc.t[0] for arc in along.arcs])
+    if lengths.min() > 0.0:
+        return _held(problem, along)
+    gone = [int(k) for k in np.argsort(lengths) if lengths[k] <= 0.0] if turns else []
+    others = (each for k in gone for each in reversed(past(guess, k)))
+    tried = (beside(problem, each, origin, turns - 1) for each in others)
+    found = next(filter(None, tried), None)
+    return None if found is None else replace(found, message=_BESIDE)
+
+
 def neighbour(
     problem: Problem, guess: Solution, origin: Problem, ahead: Solution | None = None
 ) -> Solution | None:
     """Return what Newton makes of a guess, where that is certified; arguments as of `continued`."""
     found = continued(problem, guess, origin, ahead)
-    if found is None or not sound(problem, found):
+    return None if found is None else _held(problem, found)
+
+
+def _held(problem: Problem, found: Solution) -> Solution | None:
+    """Return a solution of the conditions of a word with its verdict, on finer meshes where those
+    that it has leave out too much of it; None where it is not certified.
+    """
+    judged = _certified(problem, found)
+    if judged is not None or min(arc.t[-1] - arc.t[0] for arc in found.arcs) <= 0.0:
+        return judged
+    # a mesh is that of the guess, whose motion may have wanted less
+    rest = unresolved(problem, found)
+    meshes = refined_meshes(found.arcs, rest, Follower.points, Follower.tolerance)
+    if meshes is None:
         return None
+    finer = continued(problem, resampled(found, meshes), problem)
+    return None if finer is None else _certified(problem, finer)
+
+
+def _certified(problem: Problem, found: Solution) -> Solution | None:
+    """Return a solution with its verdict, None where it is not certified."""
     shortest = SAME_TIME * (found.final_time - found.initial_time)
     if not all(arc.t[-1] - arc.t[0] > shortest for arc in found.arcs):
         return None
-    judged = certified(problem, found)
+    judged = certified(problem, found) if sound(problem, found) else found
     return judged if judged.extremal else None
 
 
@@ -107,7 +152,7 @@ def _unjudged(problem: Problem, guess: Solution) -> Solution:
         arcs=guess.arcs,
         objective=guess.objective,
         stop=Stop.SOLVED,
-        message="Newton on the conditions of the guess's word",
+        message=_ALONG,
         state_names=guess.state_names,
         control_names=guess.control_names,
         parameters=guess.parameters,

@@ -9,11 +9,11 @@ from scipy.optimize import brentq
 
 from socp.model import Problem, Solution, silent
 from socp.process import time_limit
-from socp.search import Candidate, Search, mends, merged, neighbour, try_words, word_of
+from socp.search import Candidate, Search, mends, merged, neighbour, past, try_words, word_of
 from socp.study.branch import Event, Point
 from socp.study.monitors import CURVATURE, Clue, Margins, lengths, margins
 from socp.study.naming import LEFT, MET, MINIMUM, TOUCHED, TURNED, named
-from socp.study.walk import ASTRAY, EVENT, SMALLEST, STEPS, ZERO, Trial, Walk, Zero, apart, past
+from socp.study.walk import ASTRAY, EVENT, SMALLEST, STEPS, ZERO, Trial, Walk, Zero, apart
 from socp.verdict import learn, with_second_order
 
 _CLEAR = 1e-7  # of its size: one that is further on the wrong side has passed through zero

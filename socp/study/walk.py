@@ -2,14 +2,13 @@
 predict.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
 
-from socp.model import Arc, Family, Mode, Problem, Progress, Solution, Watch
-from socp.search import continued
+from socp.model import Arc, Family, Problem, Progress, Solution, Watch
+from socp.search import continued, past
 from socp.study.branch import Event, Point
 from socp.study.monitors import Clue, Margins, lengths, margins
 from socp.verdict import certified, learn, with_second_order
@@ -154,34 +153,6 @@ def vanishing(
     if here.size < 2 or not abs(near - now.value) <= room:
         return None
     return float(near), past(now.solution, k)
-
-
-def past(solution: Solution, k: int) -> list[Solution]:
-    """Return guesses along the words that may hold where an arc has lost its length."""
-    return [_without(solution, k), *_turned(solution, k)] if len(solution.arcs) > 1 else []
-
-
-def _without(solution: Solution, k: int) -> Solution:
-    """Return a solution without an arc, whose time a neighbour has."""
-    arcs = list(solution.arcs)
-    gone, j = arcs[k], 1 if k == 0 else k - 1
-    span = sorted((*gone.t[[0, -1]], *arcs[j].t[[0, -1]]))
-    share = (arcs[j].t - arcs[j].t[0]) / np.ptp(arcs[j].t)
-    arcs[j] = replace(arcs[j], t=span[0] + share * (span[-1] - span[0]))
-    return replace(solution, arcs=(*arcs[:k], *arcs[k + 1 :]))
-
-
-def _turned(solution: Solution, k: int) -> Iterator[Solution]:
-    """Yield a solution with a control at its other bound on an arc that it is at this bound on
-    alone: a start that crosses a singular surface is met from the other side.
-    """
-    arcs = solution.arcs
-    for i, mode in enumerate(arcs[k].modes):
-        other = {"+": Mode("lower"), "-": Mode("upper")}.get(str(mode))
-        beside = [arcs[j].modes[i] for j in (k - 1, k + 1) if 0 <= j < len(arcs)]
-        if other is not None and not {mode, other} & set(beside):
-            modes = (*arcs[k].modes[:i], other, *arcs[k].modes[i + 1 :])
-            yield replace(solution, arcs=(*arcs[:k], replace(arcs[k], modes=modes), *arcs[k + 1 :]))
 
 
 def _alike(one: Solution, other: Solution) -> bool:

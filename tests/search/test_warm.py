@@ -83,11 +83,15 @@ def test_a_neighbour_is_certified_by_newton(
 
 
 def test_an_arc_that_has_gone_is_dropped(solved: Solution) -> None:
-    """In T = 1 the level is not reached: down for half of it, and up again."""
+    """In T = 1 the level is not reached: down for half of it, and up again. Newton along the word
+    that holds no more ends with a length below zero, and along the one without that arc there.
+    """
     search = Search()
     found = warm_start(POND.with_(final_time=1), solved, search)
     close(found, 2 / 3 * (0.75**3 - 0.25**3), [0.5])
-    assert search.count > 0
+    assert found is not None
+    assert found.message == "Newton on the conditions of a word next to the guess's"
+    assert (search.count, [node.word for node in search.nodes]) == (0, ["u: - +"])
 
 
 def test_an_arc_that_has_come_is_inserted(solved: Solution) -> None:

@@ -19,8 +19,13 @@ PROBLEMS = Registry.load()
 
 def walked(problem: Problem, name: str, values: list[float]) -> Walked:
     """Return a chain over values of a number."""
-    points = tuple((k, {name: value}) for k, value in enumerate(values))
-    found = Task(partial(lambda p: p, problem), "", "auto", {})(Job(0, points, None, frozenset()))
+    return walked_through(problem, [{name: value} for value in values])
+
+
+def walked_through(problem: Problem, points: list[dict[str, float]]) -> Walked:
+    """Return a chain over points."""
+    job = Job(0, tuple(enumerate(points)), None, frozenset())
+    found = Task(partial(lambda p: p, problem), "", "auto", {})(job)
     assert found is not None
     return found
 
@@ -46,10 +51,55 @@ def test_neighbours_of_the_pond_are_in_closed_form() -> None:
         assert row["switches"] == pytest.approx([1 - level, 3 + level], rel=1e-11)
 
 
-def test_where_the_word_does_not_hold_the_search_finds_another() -> None:
+def test_an_arc_whose_time_has_gone_is_left_out() -> None:
     rows = walked(POND, "final_time", [1.7, 1.6, 1.4]).rows
     assert [row["word"] for row in rows.values()] == ["u: - s +", "u: - s +", "u: - +"]
+    assert [row["start"] for row in rows.values()] == [None, 0, 1]
     assert rows[2]["switches"] == pytest.approx([0.7], abs=1e-9)
+
+
+def test_a_start_beyond_the_level_meets_it_from_the_other_side() -> None:
+    """From below the level as from above: a quarter up to it, or three down."""
+    rows = walked(POND, "start.x", [1.0, 0.5, 0.0, -0.5]).rows
+    assert [row["word"] for row in rows.values()] == ["u: - s +"] * 2 + ["u: + s +"] * 2
+    assert [row["start"] for row in rows.values()] == [None, 0, 1, 2]
+    for start, row in zip((1.0, 0.5, 0.0, -0.5), rows.values(), strict=True):
+        off = abs(start - 0.25)
+        assert row["objective"] == pytest.approx((off**3 + 0.75**3) / 3, rel=1e-11)
+        assert row["switches"] == pytest.approx([off, 3.25], rel=1e-11)
+
+
+def test_two_arcs_may_turn_at_once() -> None:
+    rows = walked_through(POND, [{"start.x": k, "end.x": k} for k in (1.0, -0.5)]).rows
+    assert [row["word"] for row in rows.values()] == ["u: - s +", "u: + s -"]
+    assert [row["start"] for row in rows.values()] == [None, 0]
+    assert rows[1]["objective"] == pytest.approx(2 / 3 * 0.75**3, rel=1e-11)
+
+
+def test_where_an_arc_has_come_the_search_finds_it() -> None:
+    rows = walked(POND, "final_time", [1.0, 4.0]).rows
+    assert [row["word"] for row in rows.values()] == ["u: - +", "u: - s +"]
+    assert [row["start"] for row in rows.values()] == [None, None]
+    assert rows[1]["switches"] == pytest.approx([0.75, 3.25], abs=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("start", "end"),
+    [
+        ((20.0, -0.7), (20.0, 0.7)),  # on finer meshes
+        ((20.0, -0.7), (25.0, 5.0)),  # by way of points between
+        ((20.0, -2.0), (20.0, -3.6)),  # with the first arc at the other bound
+    ],
+)
+def test_a_vehicle_goes_on_from_afar(start: tuple[float, float], end: tuple[float, float]) -> None:
+    points = [{"start.x": a, "start.y": b} for a, b in (start, end)]
+    rows = walked_through(PROBLEMS.problem("auv"), points).rows
+    posed = PROBLEMS.problem("auv").with_(points[-1])
+    cold = solve(posed, watch=silent)
+    assert rows[1]["start"] == 0
+    assert rows[1]["objective"] == pytest.approx(cold.told, rel=1e-10)
+    assert (rows[1]["word"], rows[1]["message"]) == (cold.word, "")
 
 
 @pytest.mark.slow

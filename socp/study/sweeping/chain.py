@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from typing import Any, final
@@ -13,11 +14,12 @@ from socp.errors import SocpError
 from socp.laws import independent, noted_points, spread
 from socp.model import Family, Problem, Solution, Stop, from_json, rung_of, silent, to_json, view
 from socp.process import one_line, one_thread, said
-from socp.search import neighbour, spurious
+from socp.search import beside, spurious
 from socp.study.workers import asked
 from socp.verdict import judge, learn, with_second_order, with_statement
 
 Load = Callable[[], Problem]
+_HALVED = 2  # times that the way from a neighbour is halved: more steps are as long as a search
 _FAILURES = (SocpError, ArithmeticError, ValueError, RuntimeError, np.linalg.LinAlgError)
 
 
@@ -127,20 +129,22 @@ class Task:
     def _solved(
         self, family: Family, values: Mapping[str, float], now: "_Here | None"
     ) -> tuple["_Here | None", int, str]:
-        """Return what a point comes to, from which point it went on, -1 for none, and what there is
-        to say.
+        """Return what a point comes to, from which point it went on, -1 where it was searched for,
+        and what there is to say.
         """
         try:
-            here = None if now is None else _next(family, now, values, inside=self.keep)
-            if here is None:
-                # what is searched for is derived anew: replaced, it shares nothing with others
-                posed = replace(family.problem.with_(dict(values)))
-                guess = None if now is None else now.whole(family)
-                found = view("solve")(posed, guess, self.method, watch=silent, **self.options)
-                if found.stop is Stop.INTERRUPTED:
-                    raise KeyboardInterrupt
-                here = _Here(family.at(values), values, family.outside(found))
-            return here, -1 if now is None else now.point, _said(here.solution)
+            if now is not None:
+                near = _next(family, now, values, inside=self.keep)
+                if near is not None:
+                    return near, now.point, ""
+            # what is searched for is derived anew: replaced, it shares nothing with others
+            posed = replace(family.problem.with_(dict(values)))
+            guess = None if now is None else now.whole(family)
+            found = view("solve")(posed, guess, self.method, watch=silent, **self.options)
+            if found.stop is Stop.INTERRUPTED:
+                raise KeyboardInterrupt
+            here = _Here(family.at(values), values, family.outside(found))
+            return here, -1, _said(here.solution)
         except _FAILURES as error:
             return None, -1, one_line(f"{type(error).__name__}: {said(error)}")
 
@@ -175,22 +179,46 @@ class _Here:
 
 
 def _next(family: Family, now: _Here, values: Mapping[str, float], *, inside: bool) -> _Here | None:
-    """Return a certified solution next to that of a neighbour, by Newton along its word; None where
-    the word does not hold, or an arc is no longer than what is known of its ends. `inside`: what is
-    kept whole is looked at whole, which no rung depends on.
+    """Return a certified solution as it follows from that of a neighbour, by way of points between
+    the two where it is too far away; None where the neighbour does not lead there. `inside`: what
+    is kept whole is looked at whole, which no rung depends on.
+    """
+    here = replace(now, solution=family.inside(now.solution, now.problem))
+    found = _reached(family, here, values, _HALVED)
+    if found is None:
+        return None
+    solution = with_second_order(found.problem, found.solution, inside=inside)
+    return replace(found, solution=family.outside(solution))
+
+
+def _reached(family: Family, now: _Here, values: Mapping[str, float], halved: int) -> _Here | None:
+    """Return a certified solution that follows from a neighbour's, both of the family, the way to
+    it halved up to so many times; None where there is none.
+    """
+    found = _beside(family, now, values)
+    if found is not None or not halved:
+        return found
+    middle = {name: (now.values[name] + value) / 2.0 for name, value in values.items()}
+    with suppress(*_FAILURES):  # between two problems there need not be one
+        half = _reached(family, now, middle, halved - 1)
+        return None if half is None else _reached(family, half, values, halved - 1)
+    return None
+
+
+def _beside(family: Family, now: _Here, values: Mapping[str, float]) -> _Here | None:
+    """Return a certified solution next to that of a neighbour, by Newton along its word, or one
+    next to that; None where none of these holds, or an arc is no longer than what is known of its
+    ends.
     """
     problem = family.at(values)
-    posed, guess = independent(problem), family.inside(now.solution, now.problem)
-    learn(posed, guess)
-    found = neighbour(posed, guess, now.problem)
+    posed = independent(problem)
+    learn(posed, now.solution)
+    found = beside(posed, now.solution, now.problem)
     if found is None or spurious(found):
         return None
     if posed is not problem:
         found = judge(problem, found)
-    if not found.extremal:
-        return None
-    found = with_second_order(problem, found, inside=inside)
-    return _Here(problem, values, family.outside(found))
+    return _Here(problem, values, found) if found.extremal else None
 
 
 def _said(solution: Solution) -> str:
