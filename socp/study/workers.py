@@ -123,6 +123,7 @@ def _pooled(
         stop = context.Event()
         pool = ProcessPoolExecutor(count, context, _begin, (stop, os.getpid()))
     try:
+        _begun(pool, task, count - len(waiting))
         while waiting or running:
             while (
                 waiting and len(running) < count
@@ -153,6 +154,13 @@ def _pooled(
                 worker.kill()
         pool.shutdown(cancel_futures=True)
     return list(running.values())
+
+
+def _begun(pool: Executor, task: Callable[[J], T], idle: int) -> None:
+    """Start so many processes that have no job yet, and import by then what the task is made of."""
+    with _sheltered():
+        for _ in range(idle):
+            pool.submit(callable, task)
 
 
 @contextmanager

@@ -585,13 +585,15 @@ def test_follow_writes_a_table_that_plot_draws(socp: Command) -> None:
 def test_sweep_writes_a_table_that_plot_draws_and_goes_on_from(socp: Command) -> None:
     Path("more.csv").write_text("end.x\n1\n1.1\n")
     held = ("--set", "bounds.u.upper=1", "--quiet", "--json")
-    asked = ("double_integrator_time", "--from", "more.csv", *held, "-o", "s.parquet")
+    how = ("--seconds", "30", "-o", "s.parquet")
+    asked = ("double_integrator_time", "--from", "more.csv", *held, *how)
     said = socp("sweep", *asked, "--keep", "whole")
     assert said.code == 0
     found = json.loads(said.out)
     assert [row["end.x"] for row in found["rows"]] == [1.0, 1.1]
     assert found["certified"] == 2
     assert [row["start"] for row in found["rows"]] == [-1, 0]
+    assert load(Path("whole/point-000000.socp.json")).options["seconds"] == 30
     assert socp("plot", "s.parquet").out == "s.svg\n"
     assert socp("check", "whole/point-000001.socp.json").code == 0
     again = json.loads(socp("sweep", *asked, "--keep", "whole").out)

@@ -4,6 +4,7 @@ resumption.
 
 import json
 import math
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -289,6 +290,15 @@ def test_a_worker_that_dies_costs_its_job_alone(
 ) -> None:
     found = dict(results_of(Deadly(str(tmp_path), 1, always), deque(range(4)), 2))
     assert found == {0: 0, 1: lost, 2: 4, 3: 9}
+
+
+def test_workers_are_there_before_there_is_a_job_for_each() -> None:
+    jobs = deque([-1])
+    found = results_of(abs, jobs, 2)
+    assert next(found) == (-1, 1)
+    assert len(multiprocessing.active_children()) == 2
+    jobs.append(-3)
+    assert list(found) == [(-3, 3)]
 
 
 def test_dead_workers_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -55,6 +55,12 @@ _TOLD = 5  # messages of a report: the table has them all
     help="Worker processes.  [default: 1; with --dask local one a core]",
 )
 @click.option("--dask", metavar="ADDRESS", help="Scheduler of dask, or 'local' for one of its own.")
+@click.option(
+    "--seconds",
+    type=click.FloatRange(1.0),
+    metavar="S",
+    help="The time that the search for one point may take.  [default: 60]",
+)
 @click.option("--keep", metavar="DIR", help="Write every whole result there.")
 @click.option("-o", "--out", metavar="FILE", help="Table.  [default: PROBLEM.sweep.parquet]")
 @click.option("--json", "as_json", is_flag=True, help="Write the table as JSON.")
@@ -95,9 +101,9 @@ def sweep(session: Session, /, **given: Any) -> int:
         if hands.dashboard:
             session.note(f"dashboard  {hands.dashboard}")
         source = posed if travels(posed) else named
-        result = swept(
-            source, found, workers=hands.workers, kept=kept, method=DEFAULT_METHOD, watch=watch
-        )
+        limits = {} if given["seconds"] is None else {"seconds": given["seconds"]}
+        how = {"method": DEFAULT_METHOD, "watch": watch, **limits}
+        result = swept(source, found, workers=hands.workers, kept=kept, **how)
     with signals_held():
         _written(session, posed, result, path)
         if given["as_json"]:

@@ -229,7 +229,8 @@ def _run(
     for number, document in drawer.documents() if drawer else ():
         waiting += tally.add(Walked.from_data(number, document))
     waiting = deque(job for job in waiting if job.points[0][0] not in tally.rows)
-    running = _here(task, waiting) if workers == 1 else results_of(task, waiting, workers)
+    hands = min(workers, len(tally.chains)) if isinstance(workers, int) else workers
+    running = _here(task, waiting) if hands == 1 else results_of(task, waiting, hands)
     with signals_held():  # what is finished is counted and kept whole
         try:
             with breakable():
