@@ -83,6 +83,9 @@ def beside(
     """
     along = continued(problem, guess, origin)
     if along is None:
+        finer = _finer(origin, guess)
+        along = None if finer is None else continued(problem, finer, origin)
+    if along is None:
         return None
     lengths = np.array([arc.t[-1] - arc.t[0] for arc in along.arcs])
     if lengths.min() > 0.0:
@@ -109,13 +112,19 @@ def _held(problem: Problem, found: Solution) -> Solution | None:
     judged = _certified(problem, found)
     if judged is not None or min(arc.t[-1] - arc.t[0] for arc in found.arcs) <= 0.0:
         return judged
-    # a mesh is that of the guess, whose motion may have wanted less
-    rest = unresolved(problem, found)
-    meshes = refined_meshes(found.arcs, rest, Follower.points, Follower.tolerance)
-    if meshes is None:
-        return None
-    finer = continued(problem, resampled(found, meshes), problem)
-    return None if finer is None else _certified(problem, finer)
+    finer = _finer(problem, found)
+    along = None if finer is None else continued(problem, finer, problem)
+    return None if along is None else _certified(problem, along)
+
+
+def _finer(problem: Problem, found: Solution) -> Solution | None:
+    """Return a solution on finer meshes, None where it has no need of these: meshes are handed on
+    from guess to guess, and may be those of a motion that wanted less.
+    """
+    with np.errstate(all="ignore"):
+        rest = unresolved(problem, found)
+        meshes = refined_meshes(found.arcs, rest, Follower.points, Follower.tolerance)
+    return None if meshes is None else resampled(found, meshes)
 
 
 def _certified(problem: Problem, found: Solution) -> Solution | None:

@@ -25,8 +25,10 @@ from socp.model import (
     states,
     to_json,
 )
+from socp.registry import Registry
 from socp.search import Search
 from socp.search.warm import warm_start
+from socp.transcription import lgr, resampled, uniform
 
 NEWTON = "Newton on the conditions of the guess's word"
 v = states("v")
@@ -98,6 +100,25 @@ def test_an_arc_that_has_come_is_inserted(solved: Solution) -> None:
     short = warm_start(POND.with_(final_time=1), solved, Search())
     assert short is not None
     close(warm_start(POND, short, Search()), 2 / 3 * 0.75**3, [0.75, 3.25])
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("vdp_regulator", {"start.x2": 1.01}),
+        pytest.param("lotka_fishing", {"start.x1": 0.51}, marks=pytest.mark.slow),
+    ],
+)
+def test_a_guess_on_too_coarse_a_mesh_leads_on(name: str, change: dict[str, float]) -> None:
+    """On one interval an arc neither motion is resolved."""
+    problem = Registry.load().problem(name)
+    guess = solve(problem)
+    coarse = resampled(guess, [uniform(lgr(10), 1) for _ in guess.arcs])
+    search, posed = Search(), problem.with_(change)
+    found = warm_start(posed, coarse, search)
+    assert found is not None
+    assert (search.count, found.message) == (0, NEWTON)
+    close(found, solve(posed).objective, found.switches)
 
 
 def test_a_guess_of_free_controls_has_no_word() -> None:
