@@ -356,16 +356,17 @@ def shown_sizes(problem: Problem, x: np.ndarray) -> np.ndarray:
     return magnitude
 
 
-def objective_size(problem: Problem, solution: Solution) -> float:
-    """Return a magnitude of the objective near a solution, 1 where it has none.
+def objective_size(problem: Problem, solution: Solution, states: np.ndarray | None = None) -> float:
+    """Return a magnitude of the objective near a solution, 1 where it has none, with magnitudes of
+    the states (nx,), those of `scales` where none are given.
 
     It is the horizon times the typical running cost, at the bounds of the controls, and the Mayer
     term, each by its absolute value and by what it changes when all states change by their own
     magnitude, up or down, whichever changes it less: a cost that vanishes on a guess has a
     magnitude all the same, and one near a pole no infinite one.
     """
-    scale, p = scales(problem, solution)[:, None], parameters_of(problem, solution)
-    x, t = solution.rows("x"), solution.t
+    scale = (scales(problem, solution) if states is None else states)[:, None]
+    x, t, p = solution.rows("x"), solution.t, parameters_of(problem, solution)
     x = np.where(np.isfinite(x), x, 0.0)
     cost, mayer = running_function(problem), mayer_function(problem)
     running = [magnitude(partial(_running, cost, u[:, None], t, p), x, scale) for u in problem.box]

@@ -2,13 +2,14 @@
 its solver.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import final
 
 import casadi
 import numpy as np
 
-from socp.laws import admissible
+from socp.laws import admissible, guessed_ends, horizon
 from socp.model import (
     Expr,
     Problem,
@@ -17,7 +18,11 @@ from socp.model import (
     evaluate,
     numbers,
     objective_size,
+    of_motion,
+    once,
     parameters_of,
+    scales,
+    shown_sizes,
     time,
 )
 from socp.transcription.phases import Phase
@@ -26,6 +31,10 @@ from socp.transcription.phases import Phase
 # large. A guess may say nothing of it; motions with constant controls may take it too far. Of its
 # bounds as well, where a guess does say nothing: motions may not go on for long enough
 _MOVED = 1e-2
+# Of the horizon: the shortest motion that is drawn. A state that is led on steadily comes to as
+# much of its way at least: measures that differ by more are not of one and the same magnitude
+_SHARE = 0.05
+_STEPS, _RUNS = 16, 8  # implicit motions over the horizon, and their steps: enough for magnitudes
 # What the objective counts in a programme: the barrier of an interior point method begins at 0.1,
 # which should be a small share of it
 _WEIGHT = 10.0
@@ -52,11 +61,12 @@ class Scale:
         if near is None:
             return cls(time=1.0, x=np.ones(nx), p=np.ones(len(names)), cost=1.0, near=None)
         near = replace(near, parameters={name: near.parameters.get(name, 0.0) for name in names})
+        x = state_magnitudes(problem, near)
         return cls(
             time=near.final_time - near.initial_time,
-            x=state_magnitudes(problem, near),
+            x=x,
             p=_widths(problem.parameter_box),
-            cost=objective_size(problem, near) / _WEIGHT,
+            cost=objective_size(problem, near, _shown(problem, near, x)) / _WEIGHT,
             near=near,
         )
 
@@ -113,14 +123,61 @@ def state_magnitudes(problem: Problem, near: Solution) -> np.ndarray:
     ends = np.vstack([problem.start_box, problem.end_box])
     named = np.where(np.isfinite(ends), np.abs(ends), 0.0).max(axis=0)
     own = np.abs(np.nan_to_num(near.rows("x"), posinf=0.0, neginf=0.0)).max(axis=1)
-    moved = np.sqrt(np.mean(admissible(problem)[1 : 1 + named.size] ** 2, axis=1))
-    moved = np.where(np.isfinite(moved), moved, 0.0)
     size = np.maximum(named, own)
+    moved = np.sqrt(np.mean(admissible(problem)[1 : 1 + size.size] ** 2, axis=1))
+    moved = np.where(np.isfinite(moved), moved, 0.0)
+    if not size.all():
+        led = _led(problem)
+        moved = np.where((led > 0) & _apart(moved, led), led, moved)
     box = np.where(np.isfinite(problem.state_box), np.abs(problem.state_box), 0.0).max(axis=0)
     unknown = np.where(moved > 0, np.maximum(moved, _MOVED * box), 0.0)
     size = np.where(size > 0, np.maximum(size, _MOVED * moved), unknown)
     size = np.where(size > 0, size, box)
     return np.where(size > 0, size, 1.0)
+
+
+def _shown(problem: Problem, near: Solution, x: np.ndarray) -> np.ndarray:
+    """Return the magnitudes of the states (nx,) by their ends, their bounds and a solution, and x
+    (nx,) where none of these shows one and the rate at the start leads elsewhere in the horizon.
+    """
+    found, known = scales(problem, near), shown_sizes(problem, near.rows("x")) > 0
+    return np.where(_apart(found, x) & ~known, x, found)
+
+
+def _apart(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Tell which of two measures (n,) of the same are of different magnitudes."""
+    found: np.ndarray = (one < _SHARE * other) | (other < _SHARE * one)
+    return found
+
+
+@of_motion
+@once
+def _led(problem: Problem) -> np.ndarray:
+    """Return what motions over the horizon reach of every state (nx,), typically.
+
+    Controls are constant, and steps linearly implicit, x + (I - h J)^-1 h x': stiff rates do not
+    blow them up, and they lead along a chain of states at once, to whose end explicit steps, each
+    as far as some states, come late or never.
+    """
+    nx, (t0, _) = problem.x.numel(), problem.initial_time_box
+    points, slope = admissible(problem)[:, :_RUNS], casadi.jacobian(problem.rate, problem.x)
+    p, u = points[1 + nx : 1 + nx + problem.p.numel()], points[-problem.u.numel() :]
+    given, (low, high) = [problem.x, problem.u, time, problem.p], problem.state_box[:, :, None]
+    flow = casadi.Function("flow", given, [casadi.densify(problem.rate), casadi.densify(slope)])
+    x = np.repeat(guessed_ends(problem)[0][:, None], u.shape[1], axis=1)
+    h, begin, most = horizon(problem) / _STEPS, t0 if np.isfinite(t0) else 0.0, np.abs(x)
+    with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
+        for k in range(_STEPS):
+            rate, slopes = evaluate(flow, x, u, np.full(u.shape[1], begin + h * k), p)
+            left = np.eye(nx) - h * slopes.reshape(nx, -1, nx).transpose(1, 0, 2)
+            step = np.linalg.solve(left, h * rate.T[..., None])[..., 0].T
+            if not np.isfinite(step).all():
+                break
+            x = np.clip(x + step, low, high)
+            most = np.fmax(most, np.abs(x))
+    typical = np.median(most, axis=1)  # a motion that escapes is not
+    found: np.ndarray = np.where(typical > 0, typical, most.mean(axis=1))
+    return found
 
 
 def _widths(box: np.ndarray) -> np.ndarray:

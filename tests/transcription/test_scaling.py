@@ -6,6 +6,8 @@ import casadi
 import numpy as np
 import pytest
 from casadi import cos
+from chains import masses, rod
+from scipy.integrate import solve_ivp
 
 from socp.methods import default_guess
 from socp.model import Problem, controls, final_time, states
@@ -144,3 +146,24 @@ def test_a_state_of_which_nothing_is_known_is_no_smaller_than_a_share_of_its_bou
     monkeypatch.setattr("socp.transcription.scaling.admissible", lambda _: np.full((6, 4), 1e-5))
     found = state_magnitudes(made, default_guess(made))
     assert found.tolist() == pytest.approx([0.5, 1e-5])
+
+
+@pytest.mark.parametrize("problem", [masses(20), rod(40), rod(50)])
+def test_states_far_along_a_chain_have_the_size_that_a_motion_gives_them(problem: Problem) -> None:
+    """Steps of explicit methods blow up where rates are stiff, and come to a chain's end late."""
+    function = casadi.Function("rate", [problem.x, problem.u], [problem.rate])
+    horizon, start = problem.final_time_box[0], problem.start_box[0]
+
+    def rate(_: float, at: np.ndarray) -> np.ndarray:
+        found: np.ndarray = function(at, problem.box[1]).full().ravel()
+        return found
+
+    motion = solve_ivp(rate, (0, horizon), start, method="LSODA")
+    reached = np.abs(motion.y).max(axis=1)
+    found = state_magnitudes(problem, default_guess(problem))
+    near = reached > 1e-2 * reached.max()  # what moves next to nothing may be taken for more
+    assert np.count_nonzero(near) > 20
+    assert (found[near] > reached[near] / 50).all()
+    assert (found[near] < reached[near] * 50).all()
+    assert found.min() > 1e-4
+    assert found.max() < 30.0
