@@ -11,7 +11,7 @@ from typing import final
 import casadi
 import numpy as np
 
-from socp.model import Expr, Problem, numbers, of_motion, once, time
+from socp.model import Expr, Problem, numbers, of_motion, repeated, time
 from socp.transcription.dormand_prince import stage_weights
 from socp.transcription.kinks import kinks
 from socp.transcription.phases import Phase, once_along
@@ -58,16 +58,9 @@ class Motion:
 
     def through(self, z: np.ndarray, t: np.ndarray, h: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Return the same for steps of lengths h (steps, n)."""
-        first = np.vstack([z, np.zeros(t.size), t])
-        each = np.tile(p if p.ndim == 2 else p[:, None], (len(h), 1))
-        (found,) = numbers(self._stepped(len(h)), first, h, each)
-        ends = found.reshape(len(first), t.size, len(h)).transpose(2, 0, 1)
-        return np.concatenate([first[None], ends])
-
-    @once
-    def _stepped(self, steps: int) -> casadi.Function:
-        """Return so many steps in a row."""
-        return self.step.mapaccum("steps", steps)
+        first = np.vstack([z, np.zeros(t.size), t]).T
+        (found,) = repeated(self.step, [first], [h[:, :, None], p.T], len(h))
+        return np.concatenate([first[None], found]).transpose(0, 2, 1)
 
     @cached_property
     def control(self) -> casadi.Function:
@@ -75,13 +68,23 @@ class Motion:
         given = [self.problem.x, self.phase.carried, time, self.problem.p]
         return casadi.Function("u", given, [self.phase.control])
 
+    def returned(
+        self, held: np.ndarray, way: np.ndarray, h: np.ndarray, p: np.ndarray
+    ) -> np.ndarray:
+        """Return the multipliers (steps + 1, ny, n) of y before and after every step from y on the
+        `way` (steps, ny, n) of lengths h (steps, n), from those `held` (ny, n) at the end.
+        """
+        given = [way[::-1].transpose(0, 2, 1), h[::-1, :, None], p]
+        (found,) = repeated(self._adjoint, [held.T], given, len(h))
+        return np.concatenate([found[::-1], held.T[None]]).transpose(0, 2, 1)
+
     @cached_property
-    def adjoint(self) -> casadi.Function:
-        """(y, h, p, multipliers (ny,) of y after a step) -> those of y before it."""
+    def _adjoint(self) -> casadi.Function:
+        """(multipliers (ny,) of y after a step, y before it, h, p) -> those of y before it."""
         y, h, p = self.step.sx_in()
         held = casadi.SX.sym("l", y.numel())
         before = casadi.gradient(casadi.dot(held, self.step(y, h, p)), y)
-        return casadi.Function("adjoint", [y, h, p, held], [casadi.densify(before)])
+        return casadi.Function("adjoint", [held, y, h, p], [casadi.densify(before)])
 
     @cached_property
     def _varied(self) -> casadi.Function:
@@ -106,24 +109,22 @@ class Motion:
         hessian = casadi.densify(casadi.hessian(total, casadi.vertcat(y, h, p))[0])
         return casadi.Function("curved", [y, h, p, held], [hessian])
 
-    @once
-    def _swept(self, steps: int) -> casadi.Function:
-        """Return so many varied steps in a row."""
-        return self._varied.mapaccum("sweep", steps, 2)
-
     def sweep(self, given: list[np.ndarray], steps: int) -> "Sweep":
         """Integrate over n intervals from what is given: z (nz, n), t (1, n), h (1, n), p (np, 1),
         in so many steps each.
         """
         z, t, h, p = given
         n, ny = t.size, len(z) + 2
-        first = np.vstack([z, np.zeros((1, n)), t])
+        first = np.vstack([z, np.zeros((1, n)), t]).T
         by = np.zeros((ny, ny + len(p)))
         by[: len(z), : len(z)], by[-1, len(z)] = np.eye(len(z)), 1.0
         each = np.repeat(h / steps, steps)[None, :]
-        found = numbers(self._swept(steps), first, by, each, np.tile(p, steps))
-        y, slopes, across = (m.T.reshape(n, steps, -1, ny).swapaxes(2, 3) for m in found)
-        before = np.concatenate([first.T[:, None], y[:, :-1, :, 0]], axis=1)
+        begin = [first, np.tile(by.ravel("F"), (n, 1))]
+        found = repeated(self._varied, begin, [h[0][:, None] / steps, p[:, 0]], steps)
+        y, slopes, across = (
+            m.swapaxes(0, 1).reshape(n, steps, -1, ny).swapaxes(2, 3) for m in found
+        )
+        before = np.concatenate([first[:, None], y[:, :-1, :, 0]], axis=1)
         begun = np.concatenate([np.broadcast_to(by, (n, 1, *by.shape)), slopes[:, :-1]], axis=1)
         last = slopes[:, -1, :-1].copy()
         last[:, :, len(z) + 1] /= steps

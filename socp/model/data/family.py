@@ -14,8 +14,8 @@ from socp.errors import ProblemError
 from socp.model.data.carried import known_problem
 from socp.model.data.constants import planted
 from socp.model.data.portable import NUMBERS, TIMES
-from socp.model.evaluation import cached, hand_on, lately
 from socp.model.graph import fold
+from socp.model.keeping import cached, hand_on, lately
 from socp.model.problem import Problem
 from socp.model.ranges import interval
 from socp.model.result.findings import Condition, Finding

@@ -50,28 +50,24 @@ def reference(known: Induced, k: int, nodes: np.ndarray) -> Reference:
     (begins, z), p = _corners(known, k), parameters_of(problem, shooting.solution)
     t = begins[:-1] + nodes[:, None] * np.diff(begins)
     gaps = np.diff(np.vstack([begins[:-1], t, begins[1:]]), axis=0)
-    before = np.vstack([begins[:-1], t])
     steps = int(np.ceil(np.diff([0.0, *nodes, 1.0]).max() * shooting.steps[k]))
-    motion, now, ways = shooting.motions[k], z[:, :-1], []
-    for begin, gap in zip(before, gaps, strict=True):
-        ways.append(motion.moved(now, begin, gap, p, steps))
-        now = ways[-1][-1][:-2]
-    at = _joined([way[-1][:-2] for way in ways[:-1]])
-    count, costates = z.shape[1] - 1, []
+    motion, h = shooting.motions[k], np.repeat(gaps / steps, steps, axis=0)
+    way = motion.through(z[:, :-1], begins[:-1], h, p)
+    at = _joined(way[steps:-1:steps, :-2])
+    count = z.shape[1] - 1
     ended = known.held[shooting.blocks[k].equations].T
     held = np.vstack([ended, np.ones(count), np.zeros(count)])
-    for way, gap in zip(ways[:0:-1], gaps[:0:-1], strict=True):
-        for y in reversed(way[:-1]):
-            (held,) = numbers(motion.adjoint, y, gap[None, :] / steps, p, held)
-        costates.append(held[:nx])
+    costates = motion.returned(held, way[steps:-1], h[steps:], p)[:-1:steps, :nx]
     times = t.T.ravel()
     (u,) = numbers(motion.control, at[:nx], at[nx:], times, p)
-    return Reference(times, at[:nx], u, _joined(costates[::-1]))
+    return Reference(times, at[:nx], u, _joined(costates))
 
 
-def _joined(values: list[np.ndarray]) -> np.ndarray:
-    """Return values (rows, m) at the nodes of m intervals, an interval after the other."""
-    return np.stack(values, axis=2).reshape(len(values[0]), -1)
+def _joined(values: np.ndarray) -> np.ndarray:
+    """Return values (nodes, rows, m) of m intervals as (rows, m nodes), an interval after the
+    other.
+    """
+    return values.transpose(1, 2, 0).reshape(values.shape[1], -1)
 
 
 @once
