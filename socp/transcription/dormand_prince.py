@@ -121,6 +121,14 @@ DOP853_THROUGH = np.array([
 
 
 @cache
-def stage_weights() -> tuple[casadi.DM, ...]:
-    """Return the weights of every stage (s, 1) as casadi has them, which it takes its time for."""
-    return tuple(map(casadi.DM, DOP853_STAGES))
+def stage_points(n: int) -> tuple[casadi.Function, ...]:
+    """Return where the second stage and all later ones look at y (n,), each as a function of y, h
+    and the slopes (n, s) of the s stages before it: built once for all motions of n.
+    """
+    y, h = casadi.SX.sym("y", n), casadi.SX.sym("h")
+    found = []
+    for row in map(casadi.DM, DOP853_STAGES[1:]):
+        slopes = casadi.SX.sym("slopes", n, row.numel())
+        at = y + h * casadi.mtimes(slopes, row)
+        found.append(casadi.Function("at", [y, h, slopes], [at]))
+    return tuple(found)

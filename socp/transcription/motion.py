@@ -12,7 +12,7 @@ import casadi
 import numpy as np
 
 from socp.model import Expr, Problem, numbers, of_motion, repeated, time
-from socp.transcription.dormand_prince import stage_weights
+from socp.transcription.dormand_prince import stage_points
 from socp.transcription.kinks import kinks
 from socp.transcription.phases import Phase, once_along
 
@@ -35,10 +35,10 @@ class Motion:
         given = [casadi.vertcat(problem.x, phase.carried), time, problem.p]
         motion = casadi.Function("f", given, [casadi.vertcat(rate, phase.carried_rate, running, 1)])
         y, h = casadi.SX.sym("y", motion.size1_out(0)), casadi.SX.sym("h")
-        slopes, at = casadi.SX(y.numel(), 0), y
-        for row in stage_weights()[1 : _END + 1]:
-            slopes = casadi.horzcat(slopes, motion(at[:-2], at[-1], problem.p))
-            at = y + h * casadi.mtimes(slopes, row)
+        slopes, at = [], y
+        for point in stage_points(y.numel())[:_END]:
+            slopes.append(motion(at[:-2], at[-1], problem.p))
+            at = point(y, h, casadi.horzcat(*slopes))
         return casadi.Function("step", [y, h, problem.p], [casadi.densify(at)])
 
     @cached_property

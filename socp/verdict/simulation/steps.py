@@ -8,14 +8,14 @@ takes ten times as long as a step here.
 
 import math
 from collections.abc import Callable
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, final
 
 import casadi
 import numpy as np
 
 from socp.model import TINY, fast, numbers, once
-from socp.transcription import DOP853_ERRORS, DOP853_THROUGH, DOP853_TIMES, stage_weights
+from socp.transcription import DOP853_ERRORS, DOP853_THROUGH, DOP853_TIMES, stage_points
 
 Plan = Callable[[np.ndarray], np.ndarray]  # times (k,) -> controls (nu, k)
 # rates (x, u, t, p) -> (n,), the last of which no rate depends on, with controls and parameters
@@ -38,26 +38,40 @@ def one_step(flow: casadi.Function) -> casadi.Function:
     between. The error is over what is allowed, by what the step misses and, where that is more than
     one, by what is left out in between.
     """
+    symbol, n, count = casadi.SX.sym, flow.size1_out(0), DOP853_TIMES.size
+    y, h, p = symbol("y", n), symbol("h"), symbol("p", flow.size1_in(3))
+    u, t = symbol("u", flow.size1_in(1), count), symbol("t", 1, count)
+    rtol, atol = symbol("rtol"), symbol("atol", n)
+    moments, plans = casadi.horzsplit(t), casadi.horzsplit(u)
+    rate = casadi.Function("rate", [y, u[:, 0], t[0], p], [flow(y[:-1], u[:, 0], t[0], p)])
+    ends = [y]
+    slopes = [rate(y, plans[0], moments[0], p)]
+    for point, moment, plan in zip(stage_points(n), moments[1:], plans[1:], strict=True):
+        ends.append(point(y, h, casadi.horzcat(*slopes)))
+        slopes.append(rate(ends[-1], plan, moment, p))
+    found = _looked_at(n)(y, h, ends[_END], casadi.horzcat(*slopes), rtol, atol)
+    return casadi.Function("step", [y, u, t, h, p, rtol, atol], [ends[_END], *found])
+
+
+@cache
+def _looked_at(n: int) -> casadi.Function:
+    """Return the error and what is in between, as of `one_step`, from y (n,), h, y after the step,
+    the slopes (n, 16) of the stages, and what may be missed.
+    """
     symbol = casadi.SX.sym
-    y, h, p = symbol("y", flow.size1_out(0)), symbol("h"), symbol("p", flow.size1_in(3))
-    u, t = symbol("u", flow.size1_in(1), DOP853_TIMES.size), symbol("t", 1, DOP853_TIMES.size)
-    rtol, atol = symbol("rtol"), symbol("atol", y.numel())
-    slopes, after = casadi.SX(y.numel(), 0), y
-    for s, row in enumerate(stage_weights()):
-        at = y + h * casadi.mtimes(slopes, row) if s else y
-        slopes = casadi.horzcat(slopes, flow(at[:-1], u[:, s], t[s], p))
-        after = at if s == _END else after
+    y, h, after, slopes = symbol("y", n), symbol("h"), symbol("after", n), symbol("slopes", n, 16)
+    rtol, atol = symbol("rtol"), symbol("atol", n)
     errors = h * casadi.mtimes(slopes[:, : _END + 1], casadi.DM(DOP853_ERRORS))
     moved, first, last = after - y, h * slopes[:, 0], h * slopes[:, _END]
     more = h * casadi.mtimes(slopes, casadi.DM(DOP853_THROUGH))
     between = casadi.horzcat(moved, first - moved, 2 * moved - last - first, more)
     scale = atol + casadi.fmax(casadi.fabs(y), casadi.fabs(after)) * rtol
     fifth, third = casadi.vertsplit(casadi.sum1((errors / casadi.repmat(scale, 1, 2)) ** 2).T)
-    both = (fifth + 0.01 * third) * y.numel()
+    both = (fifth + 0.01 * third) * n
     missed = fifth / casadi.sqrt(casadi.fmax(both, TINY))
     left = _PEAK * rtol / _BETWEEN * casadi.mmax(casadi.fabs(more[:, -1]) / scale)
-    found = [casadi.densify(each) for each in (after, casadi.vertcat(missed, left), between)]
-    return casadi.Function("step", [y, u, t, h, p, rtol, atol], found)
+    found = [casadi.densify(each) for each in (casadi.vertcat(missed, left), between)]
+    return casadi.Function("looked_at", [y, h, after, slopes, rtol, atol], found)
 
 
 @final
