@@ -6,13 +6,11 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 import numpy as np
-from casadi import Function
 
 from socp import laws
 from socp.errors import MethodError
 from socp.model import (
     SAME_TIME,
-    Arc,
     Mode,
     Problem,
     Solution,
@@ -101,23 +99,16 @@ def _deviations(
         except MethodError:
             continue
         for arc in given.source.arcs:
-            for k in range(len(arc.mesh) - 1):
-                t = arc.t[arc.nodes(k, "u")]
+            off = arc.u[i] - evaluate(law, arc.x, arc.t, parameters_of(problem, given.source))[0][i]
+            for k, ends in enumerate(pairwise(arc.t[arc.mesh])):
+                nodes = arc.nodes(k, "u")
+                t = arc.t[nodes]
                 if a <= t.mean() <= b:
                     middles.append(float(t.mean()))
-                    means.append(_mean(problem, given, arc, (k, i, law)))
+                    # of the polynomial through the nodes: the first of its Legendre coefficients
+                    means.append(float(legendre_coefficients(t, off[nodes], ends)[0]))
     order = np.argsort(middles)
     return np.array(middles)[order], np.array(means)[order]
-
-
-def _mean(problem: Problem, given: Candidate, arc: Arc, what: tuple[int, int, Function]) -> float:
-    k, i, law = what
-    nodes = arc.nodes(k, "u")
-    x, t = arc.x[:, nodes], arc.t[nodes]
-    off = arc.u[i, nodes] - evaluate(law, x, t, parameters_of(problem, given.source))[0][i]
-    ends = arc.t[arc.mesh[k : k + 2]]
-    # the mean of the polynomial through the nodes: the first of its Legendre coefficients
-    return float(legendre_coefficients(t, off, (ends[0], ends[1]))[0])
 
 
 def candidate(solution: Solution, stretches: dict[str, tuple[Stretch, ...]]) -> Candidate:
