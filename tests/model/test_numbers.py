@@ -4,7 +4,7 @@ import casadi
 import numpy as np
 import pytest
 
-from socp.model import numbers
+from socp.model import numbers, repeated
 
 X, U, P = casadi.SX.sym("x", 3), casadi.SX.sym("u"), casadi.SX.sym("p", 0)
 VALUE = casadi.vertcat(X[0] * casadi.sin(X[1]), U * X[2], X[1])
@@ -56,3 +56,29 @@ def test_other_sizes_are_refused(size: int) -> None:
 def test_points_have_to_be_as_many_everywhere() -> None:
     with pytest.raises(ValueError, match="given"):
         numbers(FUNCTION, np.ones((3, 4)), np.ones(2), NONE)
+
+
+def test_what_a_function_gives_is_what_it_is_given_next() -> None:
+    """X -> A x + b, over and over, is A^k x + (A^(k-1) + ... + 1) b."""
+    x, b, p = casadi.SX.sym("x", 2), casadi.SX.sym("b"), casadi.SX.sym("p", 0)
+    A = np.array([[0.5, 1.0], [0.0, 0.25]])
+    after = casadi.mtimes(casadi.DM(A), x) + b
+    function = casadi.Function("f", [x, b, p], [after, casadi.sum1(x)])
+    first, shift = np.array([[1.0, 2.0], [-3.0, 4.0], [0.5, 0.0]]), np.arange(3.0)
+    for _ in range(2):  # on new memory, and on the same once more
+        ends, sums = repeated(function, [first], [shift[:, None], np.zeros(0)], 4)
+        assert (ends.shape, sums.shape) == ((4, 3, 2), (4, 3, 1))
+        powers = [np.linalg.matrix_power(A, k) for k in range(5)]
+        for k in range(4):
+            wanted = first @ powers[k + 1].T + shift[:, None] * sum(powers[: k + 1]).sum(axis=1)
+            assert ends[k] == pytest.approx(wanted, rel=1e-14)
+            before = first if k == 0 else ends[k - 1]
+            assert sums[k, :, 0] == pytest.approx(before.sum(axis=1), rel=1e-14)
+
+
+def test_every_call_may_be_given_its_own() -> None:
+    x, b = casadi.SX.sym("x"), casadi.SX.sym("b")
+    function = casadi.Function("f", [x, b], [x + b])
+    given = np.arange(6.0).reshape(3, 2, 1)
+    (found,) = repeated(function, [np.zeros((2, 1))], [given], 3)
+    assert np.array_equal(found, np.cumsum(given, axis=0))

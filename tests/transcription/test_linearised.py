@@ -55,6 +55,24 @@ def test_slopes_and_curvatures_are_those_of_differences() -> None:
             assert slope == pytest.approx(difference, rel=1e-8, abs=1e-9)
 
 
+def test_multipliers_go_back_by_the_slopes_of_the_motion() -> None:
+    known = shooting()
+    motion, steps = known.motions[0], 3
+    random = np.random.default_rng(1)
+    z, t, h, p = random.normal(size=(2, 4)), np.arange(4.0), np.full(4, 0.3), np.array([0.7])
+    sweep = motion.sweep([z, t[None, :], h[None, :], p[:, None]], steps)
+    each = np.tile(h / steps, (steps, 1))
+    way, held = motion.through(z, t, each, p), random.normal(size=(4, 4))
+    assert way[-1, :-1] == pytest.approx(sweep.ends.T, rel=1e-14)
+    held[-1] = 0.0  # what the last time counts, which is no end of the sweep
+    back = motion.returned(held, way[:-1], each, p)
+    assert np.array_equal(back[-1], held)
+    wanted = np.einsum("rn,nrz->zn", held[:3], sweep.slopes[:, :, :2])
+    assert back[0, :2] == pytest.approx(wanted, rel=1e-12)
+    rest = motion.returned(held, way[1:-1], each[1:], p)
+    assert np.array_equal(rest, back[1:])
+
+
 def test_arcs_of_one_law_share_their_functions() -> None:
     known = shooting()
     first, middle, last = known.motions
