@@ -59,7 +59,7 @@ class Short:
     def _signs(self, place: Place) -> Iterator[int]:
         """Yield for both ends of a stretch 1 where sigma is known from there to have the right
         sign, 0 where that is not known, -1 where it is known to have the wrong one somewhere, or
-        not to vanish at the other end as it has to.
+        not to be at the other end what it has to be: zero at a switch, or what is known of it.
         """
         name = str(place.control)
         mode, start, end = self.along.solution.structure[name][(place.stretch or 1) - 1]
@@ -73,6 +73,10 @@ class Short:
                 continue
             known = self._taylor(i, own, node, here)
             ends = [known(np.ones(1), order) for order in range(there)] if known else []
+            met = self._final(i, own) if node == 0 else None
+            if known and met is not None:
+                low, high = known(np.ones(1), 0)
+                ends.append((low - met, high - met))
             if any(low[0] > 0.0 or high[0] < 0.0 for low, high in ends):
                 yield -1
             elif known:
@@ -100,6 +104,13 @@ class Short:
         """Times at which the costates jump."""
         joints = [joint for _, joint in self.along.unknowns.jumps]
         return np.array(self.along.samples.edges[joints])
+
+    def _final(self, i: int, own: int) -> float | None:
+        """Return sigma_i at the final time where an arc ends there and the conditions tell it
+        whatever their multipliers are, as where the states that the control moves are free.
+        """
+        (offset, matrix), last = self.along.sigma, len(self.along.solution.arcs) - 1
+        return float(offset[i, -1]) if own == last and not matrix[i, -1].any() else None
 
     def _zeros(self, i: int, own: int, beside: int) -> int:
         """Return how many derivatives of sigma_i, itself among them, vanish where an arc meets the
