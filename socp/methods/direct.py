@@ -8,10 +8,12 @@ from functools import cached_property
 from itertools import chain, islice
 from typing import TypeAlias, final
 
+import numpy as np
+
 from socp.errors import SolveError
 from socp.methods.contract import lifting_watch
 from socp.methods.driving import motions, other_horizons
-from socp.methods.guess import scattered_guesses
+from socp.methods.guess import guess_of, scattered_guesses
 from socp.model import Problem, Solution, Stop, Watch, silent, staged
 from socp.process import seconds_left
 from socp.solvers import NLP, Backend, NLPPoint, Reduced, default_backend
@@ -31,6 +33,9 @@ _MET = 3
 # Starts that lead nowhere before finer grids are tried: where the motion is unstable no coarse grid
 # follows it from any, and every one takes as many iterations as it may
 _FEW = 3
+# Horizons that are held where those lead nowhere, over the one that is guessed: it is that of a
+# straight way, and what swings to rest takes tens of it
+_LENGTHS = (1, 2, 4, 8, 16, 32, 64)
 
 _Programme: TypeAlias = Reduced[NLP, Solution, NLPPoint]
 
@@ -65,12 +70,17 @@ def scouted(
     """Return one coarse solution for every extremal met from the guess and scattered ones.
 
     At most `starts` guesses are tried, none for 0; it ends once the best extremal has been met
-    three times, and as often as all others, or where the first few have led nowhere: the guess may
-    do on a finer grid. `known`: what came of those, to go on with all the others.
+    three times, and as often as all others, or where the first few have led nowhere, nor horizons
+    that were held: the guess may do on a finer grid. `known`: what came of those, to go on with all
+    the others.
     """
     starting = islice(_guesses(problem, guess), known.tried, starts)
     rough = (backend or default_backend()).within(_TOLERANCE).limited(_ITERATIONS)
-    return _Scouting(problem, guess, watch).all(starting, rough, known, 0 if known.tried else _FEW)
+    scouting = _Scouting(problem, guess, watch)
+    found = scouting.all(starting, rough, known, 0 if known.tried else _FEW)
+    if found.met or known.tried or found.tried < _FEW:
+        return found
+    return scouting.all(_over_held_horizons(problem, guess, rough, watch), rough, found)
 
 
 def scouts(
@@ -139,10 +149,12 @@ class _Scouting:
             if seconds_left() <= 0.0:
                 break
             tried += 1
+            if start.stop is Stop.INTERRUPTED:
+                return Scouted(((start, 0),), tried)
             watch = staged(self.watch, f"scout {tried}")
-            found = self._solved(units[0](), start, backend, watch)
+            found = self.solved(units[0](), start, backend, watch)
             if not met and not (found and (found.stop.ok or found.stop is Stop.INTERRUPTED)):
-                found = self._solved(units[1](), start, backend, watch)
+                found = self.solved(units[1](), start, backend, watch)
                 if found and found.stop.ok:  # what leads somewhere goes first
                     units = units[::-1]
             if found is None:
@@ -151,13 +163,11 @@ class _Scouting:
                 return Scouted(((found, 0),), tried)
             if found.stop.ok:
                 met = count_in(met, found)
-            if not met and tried == few:
-                break
-            if met and met[0][1] >= max(_MET, sum(count for _, count in met[1:])):
+            if _told(met) or (not met and tried == few):
                 break
         return Scouted(tuple(met), tried)
 
-    def _solved(
+    def solved(
         self, programme: _Programme, start: Solution, backend: Backend, watch: Watch
     ) -> Solution | None:
         """Solve a programme from a start; None where that cannot be."""
@@ -168,9 +178,44 @@ class _Scouting:
             return None
 
 
+def _over_held_horizons(
+    problem: Problem, guess: Solution, backend: Backend, watch: Watch
+) -> Iterator[Solution]:
+    """Yield the first few coarse solutions over horizons that are held, each twice as long as the
+    one before, where the final time is free.
+
+    One that is too short for the way is not lengthened by a solver that seeks the least time: it
+    ends where the ends are missed the least. Over one that is long enough the same problem is
+    linear where its dynamics are.
+    """
+    low, high = problem.final_time_box
+    if low == high or np.ptp(problem.initial_time_box) > 0:
+        return
+    t, found = guess.t, 0
+    for factor in _LENGTHS:
+        times = t[0] + factor * (t - t[0])
+        if not low <= times[-1] <= high:
+            continue
+        held = problem.with_(final_time=float(times[-1]))
+        start = guess_of(held, times, guess.rows("x"), guess.rows("u"), dict(guess.parameters))
+        told = staged(watch, f"horizon {times[-1]:.3g}")
+        scouting = _Scouting(held, start, told)
+        solved = scouting.solved(scouting.scaled, start, backend, told)
+        if solved is not None and (solved.stop.ok or solved.stop is Stop.INTERRUPTED):
+            yield solved
+            found += 1
+        if found == _FEW:
+            return
+
+
 def _guesses(problem: Problem, guess: Solution) -> Iterator[Solution]:
     yield guess
     yield from scattered_guesses(problem, guess)
+
+
+def _told(met: list[tuple[Solution, int]]) -> bool:
+    """Tell whether the best extremal was met as often as it takes to be believed the best."""
+    return bool(met) and met[0][1] >= max(_MET, sum(count for _, count in met[1:]))
 
 
 def count_in(met: list[tuple[Solution, int]], solution: Solution) -> list[tuple[Solution, int]]:

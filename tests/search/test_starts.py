@@ -67,11 +67,12 @@ def test_after_three_starts_that_lead_nowhere_the_others_wait() -> None:
     problem = Registry.load().problem("rayleigh_time")
     guess, backend = default_guess(problem), Counted()
     first = scouted(problem, guess, 5, silent, backend)
-    assert (first.met, first.tried, backend.asked) == ((), 3, 6)  # each in its own units as well
+    # each in its own units as well, and seven horizons that are held
+    assert (first.met, first.tried, backend.asked) == ((), 3, 6 + 7)
     rest = scouted(problem, guess, 5, silent, backend, first)
-    assert (rest.met, rest.tried, backend.asked) == ((), 5, 10)
+    assert (rest.met, rest.tried, backend.asked) == ((), 5, 10 + 7)
     assert scouts(problem, guess, 5, silent, backend) == []
-    assert backend.asked == 20
+    assert backend.asked == 2 * (10 + 7)
 
 
 def test_starts_go_on_from_what_is_known() -> None:
