@@ -44,8 +44,7 @@ def numbers(function: casadi.Function, *given: np.ndarray | float) -> list[np.nd
         raise _sized(function, given)
     if not count:  # casadi maps over one column at least
         return [np.empty((rows, 0)) for rows, *_ in told]
-    desks: dict[tuple[int], _Desk] = vars(function).setdefault(_DESK, {})
-    desk = desks.pop((count,), None) or _Desk(function, count)  # nobody else works on it meanwhile
+    desk = _taken(function, count)
     for own, column in zip(desk.asked, columns, strict=True):
         own[:] = column
     desk.trigger()
@@ -57,7 +56,7 @@ def numbers(function: casadi.Function, *given: np.ndarray | float) -> list[np.nd
             filled = np.zeros((count, rows * width))
             filled[:, entries] = at
         found.append((filled if width == 1 else filled.reshape(count * width, rows)).T)
-    _put_back(desks, desk)
+    _put_back(function, desk)
     return found
 
 
@@ -72,8 +71,7 @@ def repeated(
     these, (times, n, entries). A function of all calls would take longer to be built.
     """
     count = len(first[0])
-    desks: dict[tuple[int], _Desk] = vars(function).setdefault(_DESK, {})
-    desk = desks.pop((count,), None) or _Desk(function, count)  # nobody else works on it meanwhile
+    desk = _taken(function, count)
     begun, others = desk.given[: len(first)], desk.given[len(first) :]
     shapes = ((times, *own.shape) for own in others)
     pairs = [
@@ -92,7 +90,7 @@ def repeated(
             whole[k] = own
         for own, each in zip(begun, desk.found, strict=False):
             own[:] = each
-    _put_back(desks, desk)
+    _put_back(function, desk)
     return found
 
 
@@ -100,10 +98,17 @@ def _sized(function: casadi.Function, given: tuple[np.ndarray | float, ...]) -> 
     return ValueError(f"{function}: given {', '.join(str(np.shape(each)) for each in given)}")
 
 
-def _put_back(desks: dict[tuple[int], "_Desk"], desk: "_Desk") -> None:
+def _taken(function: casadi.Function, count: int) -> "_Desk":
+    """Return a desk for so many points, on which nobody else works until it is put back."""
+    desks: dict[int, _Desk] = vars(function).setdefault(_DESK, {})
+    return desks.pop(count, None) or _Desk(function, count)
+
+
+def _put_back(function: casadi.Function, desk: "_Desk") -> None:
+    desks: dict[int, _Desk] = vars(function)[_DESK]
     while len(desks) >= _DESKS:
         del desks[next(iter(desks))]
-    desks[(desk.count,)] = desk
+    desks[desk.count] = desk
 
 
 _DESK = "desk"  # where they stand beside what a function has of its own

@@ -132,7 +132,9 @@ def _certified(problem: Problem, found: Solution) -> Solution | None:
     shortest = SAME_TIME * (found.final_time - found.initial_time)
     if not all(arc.t[-1] - arc.t[0] > shortest for arc in found.arcs):
         return None
-    judged = certified(problem, found) if sound(problem, found) else found
+    if not sound(problem, found):
+        return None
+    judged = certified(problem, found)
     return judged if judged.extremal else None
 
 

@@ -65,7 +65,6 @@ def indifferent(
     extremal as any.
     """
     found = []
-    arcs = list(_joint_arcs(problem, solution, samples))
     width = np.diff(problem.box, axis=0)[0]
     horizon = solution.final_time - solution.initial_time
     # a joint's node belongs to its own side: at a knot the switching function may jump
@@ -78,7 +77,8 @@ def indifferent(
             if np.abs(sigma[i, inside]).max() * width[i] > _VANISHES * size:
                 continue
             place = Place(control=name, stretch=number, mode=Mode.parse(mode))
-            if all(left_open(problem, i, _modes(arc)) for arc, _ in arcs if arc[i] == place):
+            arcs = (arc for arc, _ in _joint_arcs(problem, solution, samples) if arc[i] == place)
+            if all(left_open(problem, i, _modes(arc)) for arc in arcs):
                 found.append(place)
     return found
 

@@ -101,9 +101,16 @@ def sweep(session: Session, /, **given: Any) -> int:
         if hands.dashboard:
             session.note(f"dashboard  {hands.dashboard}")
         source = posed if travels(posed) else named
-        limits = {} if given["seconds"] is None else {"seconds": given["seconds"]}
-        how = {"method": DEFAULT_METHOD, "watch": watch, **limits}
-        result = swept(source, found, workers=hands.workers, kept=kept, **how)
+        options = {name: given[name] for name in ("seconds",) if given[name] is not None}
+        result = swept(
+            source,
+            found,
+            workers=hands.workers,
+            kept=kept,
+            method=DEFAULT_METHOD,
+            watch=watch,
+            **options,
+        )
     with signals_held():
         _written(session, posed, result, path)
         if given["as_json"]:
