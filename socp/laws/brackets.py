@@ -36,16 +36,26 @@ class Flow:
         return casadi.mtimes(row, self.matrix) + self.of_state(row.T).T
 
 
+@of_motion
+@once
 def flow(problem: Problem, control: Expr) -> Flow:
     """Return the flow under a control (nu, 1) in x, t, p, without multipliers: lambda' = -H_x at
     fixed u.
     """
+    given = [problem.rate, _open_matrix(problem)]
+    rate, matrix = casadi.substitute(given, [problem.u], [control])
+    return Flow(problem, rate, casadi.sparsify(matrix))
+
+
+@of_motion
+@once
+def _open_matrix(problem: Problem) -> Expr:
+    """Return M of z' = M z (nx + 1, nx + 1) with the controls as they are."""
     n = problem.x.numel()
     matrix = casadi.SX(n + 1, n + 1)
     matrix[:n, :n] = -casadi.jacobian(problem.rate, problem.x).T
     matrix[:n, n] = -casadi.gradient(problem.lagrangian, problem.x)
-    rate, matrix = casadi.substitute([problem.rate, matrix], [problem.u], [control])
-    return Flow(problem, rate, casadi.sparsify(matrix))
+    return matrix
 
 
 @of_motion
@@ -55,6 +65,8 @@ def extended_costate(problem: Problem) -> Expr:
     return casadi.vertcat(problem.costate, 1)
 
 
+@of_motion
+@once
 def switching_row(problem: Problem, i: int) -> Expr:
     """Return the row of sigma_i = dH/du_i."""
     return casadi.horzcat(
@@ -69,6 +81,7 @@ def hamiltonian_row(problem: Problem, control: Expr) -> Expr:
     return casadi.substitute(row, problem.u, control)
 
 
+@once
 def hamiltonian_value(problem: Problem) -> float | None:
     """Return the value of H along every extremal where the problem tells it, None where it does
     not.

@@ -178,19 +178,24 @@ def _movable(problem: Problem) -> Expr:
     return casadi.vertcat(problem.x, problem.costate)
 
 
+@of_motion
+@once
 def points_on(problem: Problem, held: Expr) -> np.ndarray:
     """Return admissible points (nv, k) on state equations `held` = 0 (m, 1), however far they have
     to be moved.
     """
     points = admissible(problem)
-    near = onto(problem, held, points)
-    if near.shape[1]:
-        return near
-    for k, value in fixed_states(problem, held).items():
-        points[1 + k] = value
-    return onto(problem, held, points, far=np.inf)
+    found = onto(problem, held, points)
+    if not found.shape[1]:
+        for k, value in fixed_states(problem, held).items():
+            points[1 + k] = value
+        found = onto(problem, held, points, far=np.inf)
+    found.setflags(write=False)  # shared by all who ask
+    return found
 
 
+@of_motion
+@once
 def fixed_states(problem: Problem, held: Expr) -> dict[int, float]:
     """Return the states, by number, that equations `held` (m, 1) fix one by one, as v = 2 does, and
     their values.

@@ -95,6 +95,8 @@ class Contact:
         return column(e for tower in self.towers.values() for e in tower)
 
 
+@of_motion
+@once
 def tower(
     problem: Problem, constraint: Constraint, given: Expr | None = None
 ) -> tuple[list[Expr], Expr]:
@@ -104,18 +106,6 @@ def tower(
     `given` (nu, 1) may put in known controls, so that the order is that for the others. Raises
     MethodError where no control appears.
     """
-    return _own_tower(problem, constraint) if given is None else _orders(problem, constraint, given)
-
-
-@of_motion
-@once
-def _own_tower(problem: Problem, constraint: Constraint) -> tuple[list[Expr], Expr]:
-    return _orders(problem, constraint, None)
-
-
-def _orders(
-    problem: Problem, constraint: Constraint, given: Expr | None
-) -> tuple[list[Expr], Expr]:
     motion = flow(problem, problem.u if given is None else given)
     unknown = (
         problem.u
@@ -267,6 +257,7 @@ def equations(setting: Setting, touch: Contact, rows: Sequence[Expr]) -> Expr:
     return found
 
 
+@once
 def homogeneous(problem: Problem) -> bool:
     """Tell whether every condition is linear in the costate alone, so that it is known up to its
     length only.

@@ -1,10 +1,14 @@
 """What is worked out once and kept beside its owner, for as long as that lives."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import wraps
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar, final
+
+import casadi
 
 from socp.model.problem import Problem
+from socp.model.symbols import Expr, nodes
 
 Owner = TypeVar("Owner")
 Given = ParamSpec("Given")
@@ -24,19 +28,35 @@ def once(
     """Decorate a function to be worked out once for each owner, its first argument, and others.
 
     What it returns stands beside the owner's cached properties: it goes when the owner goes, and
-    neither a copy nor a pickle of a problem takes it along. An error is not kept.
+    neither a copy nor a pickle of a problem takes it along. An error is not kept. Expressions among
+    the others are told by their nodes.
     """
     place = _place(function)
 
     @wraps(function)
     def kept(owner: Owner, /, *args: Given.args, **kwargs: Given.kwargs) -> Found:
         known: dict[tuple[Any, ...], Found] = vars(owner).setdefault(place, {})
-        key = (*args, *kwargs.items())
+        key = (*map(_told, args), *kwargs.items())
         if key not in known:
             known[key] = function(owner, *args, **kwargs)
         return known[key]
 
     return kept
+
+
+@final
+@dataclass(frozen=True)
+class _Written:
+    """An expression as a key: casadi would compare two of them as expressions. It is kept alive,
+    else another could take the place of its nodes.
+    """
+
+    nodes: tuple[int, ...]
+    expression: Expr = field(compare=False)
+
+
+def _told(argument: Any) -> Any:
+    return _Written(nodes(argument), argument) if isinstance(argument, casadi.SX) else argument
 
 
 def of_motion(function: Work) -> Work:

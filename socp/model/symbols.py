@@ -116,6 +116,13 @@ def expression(value: Any) -> Expr:
     return value if isinstance(value, casadi.SX) else casadi.SX(value)
 
 
+def nodes(expression: Expr) -> tuple[int, ...]:
+    """Return what tells an expression from every other one for as long as it is kept alive: its
+    shape, and its entries' places in memory.
+    """
+    return (*expression.shape, *(each.element_hash() for each in expression.elements()))
+
+
 def relation(expression: Expr, where: str) -> tuple[Expr, bool]:
     """Split `a <= b` or `a == b` into (a - b, is it an equation).
 
