@@ -15,6 +15,7 @@ from socp.model import (
     of_motion,
     once,
     rate_function,
+    repeated,
     running_function,
     shown_sizes,
     time,
@@ -265,19 +266,21 @@ def _simulated(problem: Problem, runs: _Runs, lengths: np.ndarray, steps: int) -
     """Integrate the bang controls for times `lengths` (n,) by Runge-Kutta, states (nx, n) kept
     within their bounds.
     """
-    low, high = (side[:, None] for side in problem.state_box)
-    step, x, h = _step(problem), runs.x0, lengths / steps
+    h = (lengths / steps)[:, None]
+    u = np.repeat([bangs.T for bangs in runs.bangs], steps // _DRAWS, axis=0)
+    t = runs.t0 + h * np.arange(steps)[:, None, None]
     with np.errstate(all="ignore"):
-        for k in range(steps):
-            u, t = runs.bangs[k * _DRAWS // steps], runs.t0 + h * k
-            x = np.clip(numbers(step, x, u, t, h, runs.p)[0], low, high)
-    return x
+        (found,) = repeated(_step(problem), [runs.x0.T], [u, t, h, runs.p.T], steps)
+    last: np.ndarray = found[-1].T
+    return last
 
 
 @of_motion
 @once
 def _step(problem: Problem) -> casadi.Function:
-    """Return a step of Runge and Kutta's method of order 4 as a function of x, u, t, h, p."""
+    """Return a step of Runge and Kutta's method of order 4, and back into the bounds of states, as
+    a function of x, u, t, h, p.
+    """
     x, u, p, h = problem.x, problem.u, problem.p, casadi.SX.sym("h")
     flow = rate_function(problem)
     a = flow(x, u, time, p)
@@ -285,6 +288,11 @@ def _step(problem: Problem) -> casadi.Function:
     c = flow(x + h / 2 * b, u, time + h / 2, p)
     d = flow(x + h * c, u, time + h, p)
     after = casadi.densify(x + h / 6 * (a + 2 * b + 2 * c + d))
+    for k, (low, high) in enumerate(problem.state_box.T):  # what is no number stays none
+        if np.isfinite(low):
+            after[k] = casadi.if_else(after[k] < low, low, after[k])
+        if np.isfinite(high):
+            after[k] = casadi.if_else(after[k] > high, high, after[k])
     return casadi.Function("step", [x, u, time, h, p], [after])
 
 

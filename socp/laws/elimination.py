@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, islice
 from typing import final
 
 import casadi
@@ -20,9 +20,6 @@ _RANK = 1e-7
 _ALIKE = 1e-7  # relative difference of two values of one law
 _MINORS = 7  # rows at most of a determinant by minors: one more takes as many times longer
 _CHOICES = 400  # pivot columns tried at most; fewer than this for ten states and three conditions
-
-
-Sizes = tuple[np.ndarray, np.ndarray]  # of rows (m,) and of z (n,)
 
 
 @final
@@ -45,6 +42,37 @@ def with_costate(setting: Setting, chain: Derivatives) -> Expr:
     return column(ratio(numerators[k], denominator) for k in range(numerators.numel()))
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class _Sampled:
+    """The conditions of an arc in numbers: rows (m, n) as an expression and at the arc's points (k,
+    m, n), parts (k, s s + s, n) there, of the singular controls' slopes and rest, and z (k, n);
+    sizes of rows (m,) and of z (n,) over the admissible points, as on the arc some may vanish.
+    """
+
+    rows: Expr
+    conditions: np.ndarray
+    parts: np.ndarray
+    z: np.ndarray
+    of_rows: np.ndarray
+    of_z: np.ndarray
+
+    @classmethod
+    def of(cls, setting: Setting, chain: Derivatives, extra: Sequence[Expr]) -> "_Sampled":
+        """Evaluate the rows of a chain, and `extra` ones, at all points at once."""
+        rows = casadi.vertcat(*chain.rows, *extra)
+        parts = casadi.vertcat(*(row for line in chain.slopes for row in line), *chain.rest)
+        values = probes.evaluator(setting.problem, rows, parts, extended_costate(setting.problem))
+        points = probes.admissible(setting.problem)
+        found = values(np.hstack([points, chain.points]))
+        count = points.shape[1]
+        of_z = np.sqrt(np.mean(found[2][:count, :, 0] ** 2, axis=0))
+        of_rows = np.nanmedian(np.linalg.norm(found[0][:count] * of_z, axis=2), axis=0)
+        conditions, parts, z = (each[count:] for each in found)
+        of_rows = np.where(of_rows > 0, of_rows, 1.0)
+        return cls(rows, conditions, parts, z[:, :, 0], of_rows, of_z)
+
+
 def feedback(setting: Setting, chain: Derivatives) -> Feedback | None:
     """Return the singular controls without the costate, by the conditions alone or else with H, or
     None.
@@ -53,10 +81,9 @@ def feedback(setting: Setting, chain: Derivatives) -> Feedback | None:
     computed.
     """
     for extra in ([], setting.energy) if setting.energy else ([],):
-        rows = casadi.vertcat(*chain.rows, *extra)
-        sizes = _sizes(setting, rows)
-        if _independent(setting, chain, rows, sizes):
-            control = _eliminated(setting, chain, rows, sizes)
+        sampled = _Sampled.of(setting, chain, extra)
+        if _independent(setting, sampled):
+            control = _eliminated(setting, chain, sampled)
             if control is not None:
                 return Feedback(control, bool(extra))
     return None
@@ -66,8 +93,8 @@ def surface(setting: Setting, chain: Derivatives) -> Expr:
     """Return equations (m, 1) in x, t, p alone that hold on the arc: elsewhere the conditions leave
     no costate.
     """
-    rows = casadi.vertcat(*chain.rows, *setting.energy)
-    picked, columns = _pivots(setting, chain.points, rows, _sizes(setting, rows))
+    sampled = _Sampled.of(setting, chain, setting.energy)
+    rows, (picked, columns) = sampled.rows, _pivots(sampled)
     if not picked:
         return casadi.SX(0, 1)
     found = []
@@ -83,44 +110,31 @@ def surface(setting: Setting, chain: Derivatives) -> Expr:
     return column(found)
 
 
-def _independent(setting: Setting, chain: Derivatives, rows: Expr, sizes: Sizes) -> bool:
-    """Tell whether the control is the same for all costates that satisfy the rows, of given sizes,
-    at a point.
+def _independent(setting: Setting, sampled: _Sampled) -> bool:
+    """Tell whether the control is the same for all costates that satisfy the rows at a point."""
+    finite = np.isfinite(sampled.conditions).all(axis=(1, 2))
+    finite &= np.isfinite(sampled.parts).all(axis=(1, 2))
+    parts, conditions = sampled.parts[finite], sampled.conditions[finite]
+    other = _others(conditions, sampled.of_rows, sampled.of_z)
+    own, laws = (_solved(parts @ z[:, :, None]) for z in (sampled.z[finite], other))
+    known = np.isfinite(own).all(axis=1) & np.isfinite(laws).all(axis=1)
+    own, laws = own[known], laws[known]
+    width = np.ptp(setting.problem.box[:, list(setting.singular)], axis=0)
+    size = width + np.maximum(np.abs(own), np.abs(laws))
+    alike = (np.abs(own - laws) <= _ALIKE * size).all(axis=1)
+    return bool(alike.size and alike.mean() > 0.5)
+
+
+def _solved(values: np.ndarray) -> np.ndarray:
+    """Return the controls (n, s) that slopes and rest (n, s s + s, 1) give, nan where they give
+    none.
     """
-    problem, k = setting.problem, len(chain.rest)
-    entries = [row for line in chain.slopes for row in line] + chain.rest
-    values = probes.evaluator(problem, rows, casadi.vertcat(*entries), extended_costate(problem))
-    found = values(chain.points)
-    finite = np.isfinite(found[0]).all(axis=(1, 2)) & np.isfinite(found[1]).all(axis=(1, 2))
-    conditions, parts, z = (each[finite] for each in found)
-    width, alike = np.ptp(problem.box[:, list(setting.singular)], axis=0), []
-    for e, z0, other in zip(parts, z[:, :, 0], _others(conditions, *sizes), strict=True):
-        laws = [_solved(e @ v, k) for v in (z0, other)]
-        if np.isfinite(laws).all():
-            alike.append(
-                bool(
-                    (np.abs(laws[0] - laws[1]) <= _ALIKE * (width + np.abs(laws).max(axis=0))).all()
-                )
-            )
-    return bool(np.mean(alike) > 0.5) if alike else False
-
-
-def _sizes(setting: Setting, rows: Expr) -> Sizes:
-    """Return the sizes of rows (m,) and of z (n,) over the admissible points; on the arc some may
-    vanish.
-    """
-    points = probes.admissible(setting.problem)
-    matrix, z = probes.evaluator(setting.problem, rows, extended_costate(setting.problem))(points)
-    of_z = np.sqrt(np.mean(z[:, :, 0] ** 2, axis=0))
-    of_rows = np.nanmedian(np.linalg.norm(matrix * of_z, axis=2), axis=0)
-    return np.where(of_rows > 0, of_rows, 1.0), of_z
-
-
-def _solved(values: np.ndarray, k: int) -> np.ndarray:
-    try:
-        return np.linalg.solve(values[: k * k].reshape(k, k), -values[k * k :])
-    except np.linalg.LinAlgError:
-        return np.full(k, np.nan)
+    s = int((values.shape[1] + 0.25) ** 0.5)  # s s + s is a little less than (s + 1/2) squared
+    matrix, right = values[:, : s * s, 0].reshape(-1, s, s), -values[:, s * s :]
+    some = np.linalg.det(matrix) != 0
+    found = np.full(right.shape[:2], np.nan)
+    found[some] = np.linalg.solve(matrix[some], right[some])[:, :, 0]
+    return found
 
 
 def _others(matrices: np.ndarray, of_rows: np.ndarray, of_z: np.ndarray) -> np.ndarray:
@@ -135,17 +149,14 @@ def _others(matrices: np.ndarray, of_rows: np.ndarray, of_z: np.ndarray) -> np.n
     return z
 
 
-def _pivots(
-    setting: Setting, points: np.ndarray, rows: Expr, sizes: Sizes
-) -> tuple[list[int], list[int]]:
-    """Return rows, of given sizes, and as many columns whose determinant is farthest from zero at
-    the points, earlier rows preferred.
+def _pivots(sampled: _Sampled) -> tuple[list[int], list[int]]:
+    """Return rows and as many columns whose determinant is farthest from zero at the arc's points,
+    earlier rows preferred.
 
     Both are empty where there are none, or so many that a determinant by minors would take too
     long.
     """
-    of_rows, of_z = sizes
-    matrix = probes.evaluator(setting.problem, rows)(points)[0] * of_z / of_rows[:, None]
+    rows, matrix = sampled.rows, sampled.conditions * sampled.of_z / sampled.of_rows[:, None]
     matrix = matrix[np.isfinite(matrix).all(axis=(1, 2))]
     if not matrix.size:
         return [], []
@@ -157,16 +168,15 @@ def _pivots(
     filled = [j for j in range(rows.shape[1]) if rows[picked, j].nnz()]
     if not picked or len(picked) > _MINORS:
         return [], []
-    choices = [c for c, _ in zip(combinations(filled, len(picked)), range(_CHOICES), strict=False)]
-    least = [
-        np.quantile(np.abs(np.linalg.det(matrix[:, picked][:, :, list(c)])), 0.25) for c in choices
-    ]
-    return picked, list(choices[int(np.argmax(least))])
+    choices = np.array([*islice(combinations(filled, len(picked)), _CHOICES)])
+    minors = matrix[:, picked][:, :, choices].transpose(0, 2, 1, 3)
+    least = np.quantile(np.abs(np.linalg.det(minors)), 0.25, axis=0)
+    return picked, choices[int(np.argmax(least))].tolist()
 
 
-def _eliminated(setting: Setting, chain: Derivatives, rows: Expr, sizes: Sizes) -> Expr | None:
+def _eliminated(setting: Setting, chain: Derivatives, sampled: _Sampled) -> Expr | None:
     """Put a costate that satisfies the rows into the law: any will do, so one without quotients."""
-    picked, columns = _pivots(setting, chain.points, rows, sizes)
+    rows, (picked, columns) = sampled.rows, _pivots(sampled)
     if not picked:
         return None
     candidates = []

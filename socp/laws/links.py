@@ -107,7 +107,8 @@ class Search:
 
     def holds(self, rows: Sequence[Expr]) -> bool:
         """Tell whether a row differs from zero at most of the points."""
-        return bool((self.real(rows).mean(axis=0) > 0.5).any())
+        some = [row for row in rows if row.nnz()]
+        return bool(some) and bool((self.real(some).mean(axis=0) > 0.5).any())
 
 
 def begun(

@@ -244,6 +244,10 @@ def nonzero(problem: Problem, expression: Expr, points: np.ndarray) -> np.ndarra
     """
     if not expression.nnz() or not points.shape[1]:
         return np.zeros(expression.shape, dtype=bool)
+    if expression.is_constant():
+        known = np.array(casadi.DM(expression))
+        number: np.ndarray = np.isfinite(known) & (known != 0)
+        return number
     evaluate = evaluator(problem, expression)
     return generic(problem, lambda at: evaluate(at)[0], points)
 

@@ -143,19 +143,17 @@ def _ports(
     many of its entries casadi keeps, and which, None for all of them. To ask casadi costs as much
     as many evaluations.
     """
-    asked = [function.sparsity_in(i) for i in range(function.n_in())]
-    told = [function.sparsity_out(i) for i in range(function.n_out())]
-
-    def kept(sparsity: casadi.Sparsity, size: int) -> tuple[int, np.ndarray | None]:
-        count = sparsity.nnz()
-        return count, None if count == size else np.array(sparsity.find(), dtype=int)
-
-    given = [(each, each.numel()) for each in asked]
-    found = [(each, each.size1(), each.size2()) for each in told]
-    return (
-        [(size, *kept(each, size)) for each, size in given],
-        [(rows, width, *kept(each, rows * width)) for each, rows, width in found],
-    )
+    asked, told = [], []
+    for i in range(function.n_in()):
+        size, kept = function.numel_in(i), function.nnz_in(i)
+        which = None if kept == size else np.array(function.sparsity_in(i).find(), dtype=int)
+        asked.append((size, kept, which))
+    for i in range(function.n_out()):
+        (rows, width), kept = function.size_out(i), function.nnz_out(i)
+        whole = kept == rows * width
+        which = None if whole else np.array(function.sparsity_out(i).find(), dtype=int)
+        told.append((rows, width, kept, which))
+    return asked, told
 
 
 def fast(function: casadi.Function) -> Callable[..., np.ndarray]:

@@ -36,7 +36,7 @@ def once(
     @wraps(function)
     def kept(owner: Owner, /, *args: Given.args, **kwargs: Given.kwargs) -> Found:
         known: dict[tuple[Any, ...], Found] = vars(owner).setdefault(place, {})
-        key = (*map(_told, args), *kwargs.items())
+        key = (*map(_told, args), *kwargs.items()) if args or kwargs else ()
         if key not in known:
             known[key] = function(owner, *args, **kwargs)
         return known[key]
