@@ -66,15 +66,22 @@ def _lines(matrix: Expr) -> Lines:
 def _determinant(lines: Lines) -> Expr:
     if not lines:
         return casadi.SX(1)
+    if len(lines) == 1:
+        return lines[0][0]
     filled = [[j for j, e in enumerate(line) if not e.is_zero()] for line in lines]
     row = min(range(len(lines)), key=lambda i: len(filled[i]))
     others = lines[:row] + lines[row + 1 :]
-    total = casadi.SX(0)
+    total = None
     for j in filled[row]:
         minor = _determinant([line[:j] + line[j + 1 :] for line in others])
+        if minor.is_zero():
+            continue
         term = lines[row][j] * minor
-        total = total - term if (row + j) % 2 else total + term
-    return total
+        if total is None:
+            total = -term if (row + j) % 2 else term
+        else:
+            total = total - term if (row + j) % 2 else total + term
+    return casadi.SX(0) if total is None else total
 
 
 def cramer(matrix: Expr, right: Expr) -> tuple[Expr, Expr]:

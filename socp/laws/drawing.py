@@ -101,7 +101,7 @@ def _reach(problem: Problem, x0: np.ndarray, xf: np.ndarray) -> np.ndarray:
         if not np.isfinite(value).all() or not np.isfinite(slope).all():
             break
         movable = free * (np.maximum(np.abs(xf), _SMALL * size) if apart else 1.0)
-        step = movable * (np.linalg.pinv(slope * movable) @ value[:, 0])
+        step = movable * np.linalg.lstsq(slope * movable, value[:, 0], rcond=1e-15)[0]
         before, xf = xf, np.clip(xf - step, *problem.end_box)
         if np.array_equal(before, xf):
             break

@@ -67,7 +67,9 @@ class _Sampled:
         found = values(np.hstack([points, chain.points]))
         count = points.shape[1]
         of_z = np.sqrt(np.mean(found[2][:count, :, 0] ** 2, axis=0))
-        of_rows = np.nanmedian(np.linalg.norm(found[0][:count] * of_z, axis=2), axis=0)
+        lengths = np.linalg.norm(found[0][:count] * of_z, axis=2)
+        lengths = lengths[np.isfinite(lengths).all(axis=1)]
+        of_rows = np.median(lengths, axis=0) if lengths.size else np.zeros(rows.shape[0])
         conditions, parts, z = (each[count:] for each in found)
         of_rows = np.where(of_rows > 0, of_rows, 1.0)
         return cls(rows, conditions, parts, z[:, :, 0], of_rows, of_z)

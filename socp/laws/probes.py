@@ -140,9 +140,8 @@ def onto(
     """
     if not equations.numel() or not points.shape[1]:
         return points
-    first = 1 + problem.x.numel() + problem.p.numel()
-    movable = np.r_[1 : 1 + problem.x.numel(), first : first + problem.x.numel()]
-    evaluate = evaluator(problem, equations, casadi.jacobian(equations, _movable(problem)))
+    columns, movable = _movable(problem)
+    evaluate = evaluator(problem, equations, casadi.jacobian(equations, columns))
     size, start = spread(problem)[movable], points[movable]
     weights = np.where(np.arange(size.size) < problem.x.numel(), _INERTIA * size, size)[:, None]
     room = _room(problem) if interior else None
@@ -153,9 +152,8 @@ def onto(
         # at all points: a new number of them costs more to prepare for than to evaluate
         value, slope = (each[active] for each in evaluate(points))
         there, step, left = _newton(value[:, :, 0], slope, weight)
-        points[np.ix_(movable, active)] += (
-            step  # of those that are there once more: the error squares
-        )
+        # of those that are there once more: the error squares
+        points[movable[:, None], active] += step
         arrived[active[there]] = True
         stays = ~there
         if k % _PATIENCE == _PATIENCE - 1:
@@ -178,9 +176,14 @@ def onto(
 
 @of_motion
 @once
-def _movable(problem: Problem) -> Expr:
-    """Return the symbols of states and costates, which points are moved in, as one column."""
-    return casadi.vertcat(problem.x, problem.costate)
+def _movable(problem: Problem) -> tuple[Expr, np.ndarray]:
+    """Return the symbols of states and costates, which points are moved in, as one column (2 nx,
+    1), and their places in a point (2 nx,).
+    """
+    nx = problem.x.numel()
+    states = np.arange(1, 1 + nx)
+    costates = states + nx + problem.p.numel()
+    return casadi.vertcat(problem.x, problem.costate), np.concatenate([states, costates])
 
 
 def _contradictory(equations: Expr) -> bool:
@@ -245,9 +248,9 @@ def nonzero(problem: Problem, expression: Expr, points: np.ndarray) -> np.ndarra
     if not expression.nnz() or not points.shape[1]:
         return np.zeros(expression.shape, dtype=bool)
     if expression.is_constant():
-        known = np.array(casadi.DM(expression))
+        known = np.array([float(e) for e in expression.elements()])
         number: np.ndarray = np.isfinite(known) & (known != 0)
-        return number
+        return number.reshape(expression.shape, order="F")
     evaluate = evaluator(problem, expression)
     return generic(problem, lambda at: evaluate(at)[0], points)
 
@@ -319,9 +322,10 @@ def _newton(
         matrix = np.where(finite[:, None, None], scaled / rows[:, :, None], 0.0)
         right = np.where(finite[:, None], value / rows, 0.0)
         step = -_least(matrix, right)
-        length = np.linalg.norm(step, axis=1, keepdims=True)
-        step *= np.minimum(1.0, 1.0 / (_INERTIA * length).clip(TINY))
-    return arrived & finite, step.T * weight, np.linalg.norm(right, axis=1)
+        length = np.sqrt(np.square(step).sum(axis=1, keepdims=True))
+        step *= np.minimum(1.0, 1.0 / np.maximum(_INERTIA * length, TINY))
+        left = np.sqrt(np.square(right).sum(axis=1))
+    return arrived & finite, step.T * weight, left
 
 
 def _least(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:

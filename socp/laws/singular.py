@@ -301,6 +301,5 @@ def _determined(setting: Setting, slopes: list[list[Expr]], points: np.ndarray) 
 
 def matrix_of(slopes: list[list[Expr]], z: Expr) -> Expr:
     """Return the matrix (k, k) of rows times z."""
-    return casadi.vertcat(
-        *(casadi.horzcat(*(casadi.mtimes(row, z) for row in line)) for line in slopes)
-    )
+    values = casadi.mtimes(casadi.vertcat(*(row for line in slopes for row in line)), z)
+    return casadi.reshape(values, len(slopes), len(slopes)).T
