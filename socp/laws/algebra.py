@@ -4,7 +4,7 @@ and regular.
 
 from functools import reduce
 from operator import mul
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import casadi
 
@@ -112,6 +112,18 @@ def ratio(numerator: Expr, denominator: Expr) -> Expr:
     return _scaled(number / float(reduced[1]), _product(powers))
 
 
+class _Node(NamedTuple):
+    """A node of an expression, asked once for all that casadi tells of it: the number that stands
+    for what it computes, its operation and parts where it has some, its value where it is constant.
+    """
+
+    e: Expr
+    number: int
+    operation: int | None
+    parts: "tuple[_Node, ...]"
+    value: float | None
+
+
 @final
 class _Factors:
     """Factors of expressions, each found once however often it is used.
@@ -122,77 +134,81 @@ class _Factors:
 
     def __init__(self) -> None:
         self._split: dict[int, tuple[float, Powers]] = {}
-        self._known: dict[int, int] = {}  # by a node's address, which is its own while it lives
-        self._alive: list[Expr] = []
+        self._nodes: dict[int, _Node] = {}  # by address, which is a node's own while it lives
         self._numbers: dict[tuple[Any, ...], int] = {}
 
     def of(self, e: Expr) -> tuple[float, Powers]:
         """Return (number, powers) with e = number times the product of the powers."""
-        if e.is_constant():
-            return float(e), {}
-        key = self._number(e)
-        if key not in self._split:
-            try:
-                self._split[key] = self._of_node(e)
-            except ZeroDivisionError:  # by a constant zero, as written: left as it is
-                self._split[key] = (1.0, self._single(e))
-        return self._split[key]
+        return self._of(self._node(e))
 
-    def _number(self, e: Expr) -> int:
-        """Return the number that stands for what a node computes."""
+    def _node(self, e: Expr) -> _Node:
         address = e.element_hash()
-        if address not in self._known:
-            if e.is_constant():
-                made: tuple[Any, ...] = (float(e),)
-            elif e.n_dep():
-                parts = [self._number(e.dep(k)) for k in range(e.n_dep())]
-                made = (e.op(), *(sorted(parts) if e.op() in _COMMUTE else parts))
+        found = self._nodes.get(address)
+        if found is None:
+            operation, value = None, None
+            parts: tuple[_Node, ...] = ()
+            if count := e.n_dep():
+                operation, parts = e.op(), tuple(self._node(e.dep(k)) for k in range(count))
+                order = [part.number for part in parts]
+                made = (operation, *(sorted(order) if operation in _COMMUTE else order))
+            elif e.is_constant():
+                value = float(e)
+                made = (value,)
             else:
                 made = (None, address)
-            self._alive.append(e)
-            self._known[address] = self._numbers.setdefault(made, len(self._numbers))
-        return self._known[address]
+            number = self._numbers.setdefault(made, len(self._numbers))
+            found = self._nodes[address] = _Node(e, number, operation, parts, value)
+        return found
 
-    def _single(self, e: Expr) -> Powers:
-        return {self._number(e): (e, 1)}
+    def _of(self, node: _Node) -> tuple[float, Powers]:
+        if node.value is not None:
+            return node.value, {}
+        if node.number not in self._split:
+            try:
+                self._split[node.number] = self._of_node(node)
+            except ZeroDivisionError:  # by a constant zero, as written: left as it is
+                self._split[node.number] = (1.0, _single(node))
+        return self._split[node.number]
 
-    def _of_node(self, e: Expr) -> tuple[float, Powers]:
-        operation = e.op() if e.n_dep() else None
+    def _of_node(self, node: _Node) -> tuple[float, Powers]:
+        operation = node.operation
         if operation in _POWERS:
             times, power = _POWERS[operation]
-            number, powers = self.of(e.dep(0))
+            number, powers = self._of(node.parts[0])
             return times * number**power, {k: (f, power * n) for k, (f, n) in powers.items()}
         if operation in {casadi.OP_MUL, casadi.OP_DIV}:
-            (a, left), (b, right) = self.of(e.dep(0)), self.of(e.dep(1))
+            (a, left), (b, right) = map(self._of, node.parts)
             sign = 1 if operation == casadi.OP_MUL else -1
             return a * b**sign, _times(left, right, sign)
         if operation in {casadi.OP_ADD, casadi.OP_SUB}:
-            return self._of_sum(e, 1 if operation == casadi.OP_ADD else -1)
-        return 1.0, self._single(e)
+            return self._of_sum(node, 1 if operation == casadi.OP_ADD else -1)
+        return 1.0, _single(node)
 
-    def _of_sum(self, e: Expr, sign: int) -> tuple[float, Powers]:
-        (a, left), (b, right) = self.of(e.dep(0)), self.of(e.dep(1))
+    def _of_sum(self, node: _Node, sign: int) -> tuple[float, Powers]:
+        (a, left), (b, right) = map(self._of, node.parts)
         common = _shared(left, right)
         if not common:
-            return 1.0, {} if self._unit_circle(e) else self._single(e)
+            return 1.0, {} if _unit_circle(node) else _single(node)
         total = _scaled(a, _product(_times(left, common, -1)))
         total += _scaled(sign * b, _product(_times(right, common, -1)))
-        if total.is_constant() or self._unit_circle(total):
-            return float(total) if total.is_constant() else 1.0, common
-        return 1.0, _times(common, self._single(total))
+        whole = self._node(total)
+        if whole.value is not None or _unit_circle(whole):
+            return 1.0 if whole.value is None else whole.value, common
+        return 1.0, _times(common, _single(whole))
 
-    def _unit_circle(self, e: Expr) -> bool:
-        """Tell whether an expression is cos(a)^2 + sin(a)^2."""
-        if (
-            not e.n_dep()
-            or e.op() != casadi.OP_ADD
-            or any(e.dep(k).op() != casadi.OP_SQ for k in (0, 1))
-        ):
-            return False
-        roots = [e.dep(k).dep(0) for k in (0, 1)]
-        kinds = {root.op() for root in roots if root.n_dep()}
-        same = kinds == {casadi.OP_COS, casadi.OP_SIN}
-        return same and self._number(roots[0].dep(0)) == self._number(roots[1].dep(0))
+
+def _single(node: _Node) -> Powers:
+    return {node.number: (node.e, 1)}
+
+
+def _unit_circle(node: _Node) -> bool:
+    """Tell whether a node is cos(a)^2 + sin(a)^2."""
+    squares = node.parts
+    if node.operation != casadi.OP_ADD or any(s.operation != casadi.OP_SQ for s in squares):
+        return False
+    roots = [square.parts[0] for square in squares]
+    same = {root.operation for root in roots} == {casadi.OP_COS, casadi.OP_SIN}
+    return same and roots[0].parts[0].number == roots[1].parts[0].number
 
 
 def _times(left: Powers, right: Powers, sign: int = 1) -> Powers:

@@ -75,17 +75,12 @@ def _derivatives(problem: Problem, size: np.ndarray, points: np.ndarray) -> np.n
     )
     count = points.shape[1]
     (values,) = numbers(fields, points[: n - 1], points[n - 1 : n], points[n:])
-    values = values.reshape(n, count, -1) / size[:, None, None]
-    y = points[:n] / size[:, None]
-    rows: list[np.ndarray] = []
-    upper = np.flatnonzero(np.triu(np.ones((n, n))))
-    for k in range(count):
-        v = values[:, k].T  # (fields, n)
-        products = np.einsum("fi,j->fij", v, y[:, k])
-        products = products + products.transpose(0, 2, 1)
-        pairs = products.reshape(v.shape[0], -1)[:, upper]
-        rows.append(np.hstack([v, pairs])[:, : _count(n)])
-    found = np.vstack(rows)
+    v = (values / size[:, None]).T  # (count fields, n), those of a point next to one another
+    found = v
+    if _count(n) > n:
+        y = np.repeat(points[:n] / size[:, None], v.shape[0] // count, axis=1).T
+        i, j = np.triu_indices(n)
+        found = np.hstack([v, v[:, i] * y[:, j] + v[:, j] * y[:, i]])
     finite: np.ndarray = found[np.isfinite(found).all(axis=1)]
     return finite
 
