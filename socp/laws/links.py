@@ -13,7 +13,7 @@ from socp.errors import MethodError
 from socp.laws import probes
 from socp.laws.brackets import extended_costate, switching_row
 from socp.laws.setting import DEEPEST, Contact, Setting, common_factor, equations
-from socp.model import Expr
+from socp.model import Expr, column
 from socp.process import in_time
 
 _LEVEL = (
@@ -73,7 +73,10 @@ class Search:
             equations(self.setting, self.touch, rows),
             *(self.setting.problem.costate[j] for j in self.aside),
         )
-        at = probes.onto(self.setting.problem, own, start, interior=not self.setting.boundary)
+        if row.is_constant() and _contradictory(own):
+            at = start[:, :0]
+        else:
+            at = probes.onto(self.setting.problem, own, start, interior=not self.setting.boundary)
         if not at.shape[1]:
             raise LostError(
                 f"{self.setting.name()}: no such arc was found: no state and costate satisfy "
@@ -109,6 +112,25 @@ class Search:
         """Tell whether a row differs from zero at most of the points."""
         some = [row for row in rows if row.nnz()]
         return bool(some) and bool((self.real(some).mean(axis=0) > 0.5).any())
+
+
+def _contradictory(equations: Expr) -> bool:
+    """Tell whether equations (m, 1) ask for what cannot be: with the symbols zero that they put to
+    zero one by one, a number other than zero is left of one of them.
+
+    Where lambda_v = 0 and lambda_x = 0, v lambda_x + 1 = 0 is met nowhere, though it is nearly so
+    where v is large: points would go there step by step.
+    """
+    while True:
+        plain = [
+            e.dep(0) if e.n_dep() and e.op() == casadi.OP_NEG else e for e in equations.elements()
+        ]
+        if any(e.is_constant() and not e.is_zero() for e in plain):
+            return True
+        zero = column({e.element_hash(): e for e in plain if e.is_symbolic()}.values())
+        if not zero.numel():
+            return False
+        equations = casadi.substitute(equations, zero, casadi.SX.zeros(zero.numel(), 1))
 
 
 def begun(

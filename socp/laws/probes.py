@@ -9,7 +9,7 @@ import casadi
 import numpy as np
 
 from socp.laws.drawing import guessed_ends, reachable_points
-from socp.model import TINY, Expr, Problem, column, expression, numbers, of_motion, once, time
+from socp.model import TINY, Expr, Problem, expression, numbers, of_motion, once, time
 
 COUNT = 24  # points; a false "zero" would need chance to strike at most of them
 # Points where COUNT of them are too few: what is looked for may lie in a corner of the states
@@ -159,8 +159,6 @@ def onto(
         if k % _PATIENCE == _PATIENCE - 1:
             stays &= left < _PROGRESS * before[active]
             before[active] = left
-            if not arrived.any() and _contradictory(equations):
-                break
         active = active[stays]
         if not active.size or (k >= _PATIENCE and arrived.mean() > 0.5):
             break
@@ -184,25 +182,6 @@ def _movable(problem: Problem) -> tuple[Expr, np.ndarray]:
     states = np.arange(1, 1 + nx)
     costates = states + nx + problem.p.numel()
     return casadi.vertcat(problem.x, problem.costate), np.concatenate([states, costates])
-
-
-def _contradictory(equations: Expr) -> bool:
-    """Tell whether equations (m, 1) ask for what cannot be: with the symbols zero that they put to
-    zero one by one, a number other than zero is left of one of them.
-
-    Where lambda_v = 0 and lambda_x = 0, v lambda_x + 1 = 0 is met nowhere, though it is nearly so
-    where v is large: points would go there step by step.
-    """
-    while True:
-        plain = [
-            e.dep(0) if e.n_dep() and e.op() == casadi.OP_NEG else e for e in equations.elements()
-        ]
-        if any(e.is_constant() and not e.is_zero() for e in plain):
-            return True
-        zero = column(e for e in plain if e.is_symbolic())
-        if not zero.numel():
-            return False
-        equations = casadi.substitute(equations, zero, casadi.SX.zeros(zero.numel(), 1))
 
 
 @of_motion
