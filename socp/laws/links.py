@@ -73,7 +73,7 @@ class Search:
             equations(self.setting, self.touch, rows),
             *(self.setting.problem.costate[j] for j in self.aside),
         )
-        if row.is_constant() and _contradictory(own):
+        if row.is_constant() and contradictory(own):
             at = start[:, :0]
         else:
             at = probes.onto(self.setting.problem, own, start, interior=not self.setting.boundary)
@@ -114,7 +114,7 @@ class Search:
         return bool(some) and bool((self.real(some).mean(axis=0) > 0.5).any())
 
 
-def _contradictory(equations: Expr) -> bool:
+def contradictory(equations: Expr) -> bool:
     """Tell whether equations (m, 1) ask for what cannot be: with the symbols zero that they put to
     zero one by one, a number other than zero is left of one of them.
 

@@ -49,6 +49,24 @@ def test_a_function_is_worked_out_once_for_each_owner_and_argument() -> None:
     assert cached(one, twice) == {(3,): [6], (4,): [8]}
 
 
+@once
+def slope(problem: Problem, expression: casadi.SX) -> casadi.SX:
+    calls.append((problem.name, 0))
+    return casadi.jacobian(expression, problem.x)
+
+
+def test_expressions_are_told_by_their_nodes_not_by_what_they_read() -> None:
+    calls.clear()
+    problem, again = posed(), casadi.SX.sym("x")
+    x = problem.x[0]
+    assert slope(problem, x) is slope(problem, problem.x[0])
+    assert slope(problem, x)[0].is_one()
+    assert not slope(problem, again).nnz()
+    for k in range(50):  # what is known is kept alive: none takes its place in memory
+        assert float(slope(problem, (k + 2) * x)[0]) == k + 2
+    assert len(calls) == 52
+
+
 def test_an_error_is_not_kept() -> None:
     calls.clear()
     problem = posed()
