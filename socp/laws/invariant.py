@@ -40,44 +40,41 @@ def spans(setting: Setting, touch: Contact, rows: Sequence[Expr], more: Sequence
         extended_costate(problem),
     )(at)
     size = np.sqrt(np.mean(z[:, :, 0] ** 2, axis=0))
-    verdicts = [
-        _spanned(a * size, b * size, c * size if homogeneous(problem) else None)
-        for a, b, c in zip(held, wanted, moving, strict=True)
-        if np.isfinite(a).all() and np.isfinite(b).all() and np.isfinite(c).all()
-    ]
-    return bool(verdicts) and all(verdicts)
+    known = [np.isfinite(each).all(axis=(1, 2)) for each in (held, wanted, moving)]
+    a, b, c = (each[np.all(known, axis=0)] * size for each in (held, wanted, moving))
+    return bool(len(a) and _spanned(a, b, c if homogeneous(problem) else None).all())
 
 
-def _spanned(rows: np.ndarray, more: np.ndarray, fields: np.ndarray | None) -> bool:
-    """Tell whether `more` (k, n + 1) lie in the span of `rows` (m, n + 1), and a z with rows z = 0
-    is a costate's.
+def _spanned(rows: np.ndarray, more: np.ndarray, fields: np.ndarray | None) -> np.ndarray:
+    """Tell at every point (p,) whether `more` (p, k, n + 1) lie in the span of `rows` (p, m, n +
+    1), and a z with rows z = 0 is a costate's.
 
-    Its last entry must be one. Where its direction alone counts, `fields` (nu + 1, n + 1) are
+    Its last entry must be one. Where its direction alone counts, `fields` (p, nu + 1, n + 1) are
     given, of which one must not vanish: where all do it is the gradient of a conserved quantity,
     which satisfies everything and says nothing.
     """
     basis = _basis(rows)
-    last = np.eye(rows.shape[1])[-1]
-    if fields is not None:
-        possible = _left(fields, basis).max() > _RANK**0.5
-    else:
-        possible = np.linalg.norm(last - basis.T @ (basis @ last)) > _RANK**0.5
-    return bool(possible and (_left(more, basis) <= _RANK).all())
+    last = np.eye(rows.shape[2])[None, -1:]
+    possible = _left(last if fields is None else fields, basis).max(axis=1) > _RANK**0.5
+    spanned: np.ndarray = possible & (_left(more, basis) <= _RANK).all(axis=1)
+    return spanned
 
 
 def _left(rows: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """Return what share of rows (k, n) lies outside the span of an orthonormal basis (r, n)."""
-    outside = np.linalg.norm(rows - (rows @ basis.T) @ basis, axis=1)
-    length = np.linalg.norm(rows, axis=1)
+    """Return what share (p, k) of rows (p, k, n) lies outside the span of orthonormal ones (p, r,
+    n).
+    """
+    outside = np.linalg.norm(rows - (rows @ basis.transpose(0, 2, 1)) @ basis, axis=2)
+    length = np.linalg.norm(rows, axis=2)
     share: np.ndarray = outside / np.where(length > 0, length, 1.0)
     return share
 
 
 def _basis(rows: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis (r, n) of the span of rows (m, n), each counted at its own
-    size.
+    """Return an orthonormal basis (p, r, n) of the span of rows (p, m, n), each counted at its own
+    size, with zeros in place of the vectors that it needs not.
     """
-    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    length = np.linalg.norm(rows, axis=2, keepdims=True)
     _, s, vt = np.linalg.svd(rows / np.where(length > 0, length, 1.0), full_matrices=False)
-    basis: np.ndarray = vt[s > _RANK * max(float(s[0]), TINY)]
+    basis: np.ndarray = vt * (s > _RANK * np.maximum(s[:, :1], TINY))[:, :, None]
     return basis

@@ -49,7 +49,9 @@ def arc_law(problem: Problem, modes: Modes) -> ArcLaw:
     setting = setting_of(problem, modes, constant=False)
     given = {i: law for i in setting.singular if (law := given_singular(problem, i)) is not None}
     carried = None
-    if all(i in given for i in setting.singular):
+    if not setting.singular:
+        control = extremal_arc(problem, modes).touch.control
+    elif all(i in given for i in setting.singular):
         control = contact(setting_of(problem, modes, constant=False, given=given)).control
     else:
         control = _shared(problem, modes)

@@ -56,10 +56,9 @@ class Setting:
         value, problem = hamiltonian_value(self.problem), self.problem
         if value is None:
             return []
-        idle = column(problem.u[i] for i in (*self.singular, *self.boundary))
-        row = hamiltonian_row(
-            problem, casadi.substitute(self.given, idle, casadi.SX.zeros(idle.numel(), 1))
-        )
+        idle = {*self.singular, *self.boundary}
+        known = enumerate(self.given.elements())
+        row = hamiltonian_row(problem, column(0 if i in idle else each for i, each in known))
         row[problem.x.numel()] -= value
         return [casadi.sparsify(row)]
 

@@ -15,7 +15,7 @@ from socp.laws.brackets import extended_costate
 from socp.laws.invariant import spans
 from socp.laws.links import Link, LostError, Search, begun, differentiate
 from socp.laws.setting import Contact, Setting, common_factor, equations, homogeneous
-from socp.model import Expr, Problem
+from socp.model import Expr, Problem, column
 
 _QUORUM = 2  # points at which a control has to appear: one might be chance
 _ASIDES = 3  # costates at most that are put aside: conserved quantities of one problem
@@ -52,12 +52,12 @@ def derivatives(setting: Setting, touch: Contact, tried: int | None = None) -> D
     """
     first: LostError | None = None
     for points in _sources(setting.problem, tried):
-        if first is not None and first.proved:
-            break
         try:
             found = _followed(begun(setting, touch, points), [_BRANCHES])
         except LostError as error:
             first = first or error
+            if first.proved:
+                break
             continue
         parts = [found.solved[i] for i in setting.singular]
         return Derivatives(
@@ -301,5 +301,5 @@ def _determined(setting: Setting, slopes: list[list[Expr]], points: np.ndarray) 
 
 def matrix_of(slopes: list[list[Expr]], z: Expr) -> Expr:
     """Return the matrix (k, k) of rows times z."""
-    values = casadi.mtimes(casadi.vertcat(*(row for line in slopes for row in line)), z)
-    return casadi.reshape(values, len(slopes), len(slopes)).T
+    k, values = len(slopes), casadi.mtimes(column(row for line in slopes for row in line), z)
+    return casadi.reshape(values, k, k).T if k > 1 else values
