@@ -153,11 +153,12 @@ def reachable_points(problem: Problem, count: int) -> np.ndarray:
     t0 = problem.initial_time_box[0] if np.isfinite(problem.initial_time_box[0]) else 0.0
     whole = horizon(problem)
     runs = _Runs(x0, t0, p, [_bangs(problem, count, random) for _ in range(_DRAWS)])
-    x, lengths = _tame(problem, runs, whole, whole * random.uniform(0.05, 1.0, count))
+    known = _sizes(problem, runs, whole)
+    x, lengths = _tame(problem, runs, known, whole * random.uniform(0.05, 1.0, count))
     moved = np.median(np.abs(x - x0), axis=1, keepdims=True)
     moved = np.where(moved > 0, moved, np.abs(x - x0).mean(axis=1, keepdims=True))
     x = _inside(problem, x + _STRAY * moved * random.standard_normal(x.shape))
-    size, known = np.sqrt(np.mean(x**2, axis=1, keepdims=True)), _sizes(problem, runs, whole)
+    size = np.sqrt(np.mean(x**2, axis=1, keepdims=True))
     known = np.where(known > 0, known, 1.0)
     size = np.where(size > _NONE * known, size, known)
     t = t0 + lengths
@@ -215,12 +216,11 @@ def _lengths(low: float, high: float) -> tuple[float, float]:
 
 
 def _tame(
-    problem: Problem, runs: _Runs, whole: float, lengths: np.ndarray
+    problem: Problem, runs: _Runs, known: np.ndarray, lengths: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return states (nx, n) and times (n,) of motions that are resolved and do not escape: others
-    are shortened.
+    """Return states (nx, n) and times (n,) of motions that are resolved and do not escape sizes
+    (nx, 1) that are known: others are shortened.
     """
-    known = _sizes(problem, runs, whole)
     x, followed, wild = runs.x0.copy(), np.zeros_like(lengths), np.ones(lengths.size, dtype=bool)
     for _ in range(_TRIALS):
         coarse, fine = (_simulated(problem, runs, lengths, steps) for steps in (_STEPS, 2 * _STEPS))
