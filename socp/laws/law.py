@@ -3,7 +3,7 @@ them.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import casadi
@@ -52,7 +52,9 @@ def arc_law(problem: Problem, modes: Modes) -> ArcLaw:
     if not setting.singular:
         control = extremal_arc(problem, modes).touch.control
     elif all(i in given for i in setting.singular):
-        control = contact(setting_of(problem, modes, constant=False, given=given)).control
+        values = enumerate(setting.given.elements())
+        known = column(given.get(i, value) for i, value in values)
+        control = contact(replace(setting, given=known, singular=())).control
     else:
         control = _shared(problem, modes)
         if control is None:

@@ -186,10 +186,10 @@ def derive(
     )
 
 
-def setting_of(
-    problem: Problem, modes: Modes, *, constant: bool, given: Mapping[int, Expr] | None = None
-) -> Setting:
-    """Return the setting of an arc; laws `given` for singular controls make these known."""
+@of_motion
+@once
+def setting_of(problem: Problem, modes: Modes, *, constant: bool) -> Setting:
+    """Return the setting of an arc; free controls are constants, or functions of time."""
     values, singular, boundary, varying = [], [], {}, []
     for i, mode in enumerate(modes):
         value = problem.u[i]
@@ -197,8 +197,6 @@ def setting_of(
             value = problem.box[int(mode.kind == "upper"), i]
         elif mode.kind == "boundary":
             boundary[i] = constraint_of(problem, i, mode)
-        elif mode.kind == "singular" and i in (given or {}):
-            value = (given or {})[i]
         elif mode.kind == "singular":
             singular.append(i)
         elif not constant:
