@@ -29,6 +29,8 @@ from .mesh import tails as tails
 from .mesh import uniform as uniform
 from .mesh import unresolved as unresolved
 from .motion import Motion as Motion
+from .motion import constants as constants
+from .motion import opened as opened
 from .phases import Choice as Choice
 from .phases import Phase as Phase
 from .phases import PhasedProblem as PhasedProblem

@@ -1,17 +1,18 @@
 """The motion along a phase's law by explicit Runge-Kutta steps of order 8, with its first and
-second derivatives: functions built once a law, whatever words and intervals it stands in.
+second derivatives: functions built once for all laws that differ in constant controls alone, such
+as those of all bang arcs, whatever words and intervals they stand in.
 
 The formula is that of Dormand and Prince (Hairer, Norsett, Wanner, Solving ODEs I, II.5).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import final
+from typing import Any, final
 
 import casadi
 import numpy as np
 
-from socp.model import Expr, Problem, numbers, of_motion, repeated, time
+from socp.model import Expr, Problem, cached, column, numbers, of_motion, repeated, time
 from socp.transcription.dormand_prince import stage_points
 from socp.transcription.kinks import kinks
 from socp.transcription.phases import Phase, once_along
@@ -19,27 +20,86 @@ from socp.transcription.phases import Phase, once_along
 _END = 12  # the stage that is the end of a step
 
 
+def opened(problem: Problem, control: Expr) -> Expr:
+    """Return a law (nu, 1) with the problem's symbols of controls in place of its constants."""
+    pairs = zip(casadi.vertsplit(control), casadi.vertsplit(problem.u), strict=True)
+    return column(open_ if law.is_constant() else law for law, open_ in pairs)
+
+
+def constants(control: Expr) -> np.ndarray:
+    """Return the values (nu,) of a law's constants, 0 for what varies."""
+    rows = casadi.vertsplit(control)
+    return np.array([float(each) if each.is_constant() else 0.0 for each in rows])
+
+
 @final
 @dataclass(frozen=True, eq=False)
-class Motion:
-    """The motion along a law; z (nz,) are the states with what the phase carries."""
+class Flow:
+    """Steps along a law, of which those controls u (nu,) are given that are symbols in it.
+
+    y (ny,) are the states with what the phase carries, the running cost and the time.
+    """
 
     problem: Problem
     phase: Phase
 
     @cached_property
     def step(self) -> casadi.Function:
-        """One step (y, h, p) -> y of z, the running cost and the time."""
+        """One step (y, h, p, u) -> y after it."""
         problem, phase = self.problem, self.phase
         rate, running = phase.flow(problem)
-        given = [casadi.vertcat(problem.x, phase.carried), time, problem.p]
+        given = [casadi.vertcat(problem.x, phase.carried), time, problem.p, problem.u]
         motion = casadi.Function("f", given, [casadi.vertcat(rate, phase.carried_rate, running, 1)])
         y, h = casadi.SX.sym("y", motion.size1_out(0)), casadi.SX.sym("h")
         slopes, at = [], y
         for point in stage_points(y.numel())[:_END]:
-            slopes.append(motion(at[:-2], at[-1], problem.p))
+            slopes.append(motion(at[:-2], at[-1], problem.p, problem.u))
             at = point(y, h, casadi.horzcat(*slopes))
-        return casadi.Function("step", [y, h, problem.p], [casadi.densify(at)])
+        return casadi.Function("step", [y, h, problem.p, problem.u], [casadi.densify(at)])
+
+    @cached_property
+    def adjoint(self) -> casadi.Function:
+        """(multipliers (ny,) of y after a step, y before it, h, p, u) -> those of y before it."""
+        y, *given = self.step.sx_in()
+        held = casadi.SX.sym("l", y.numel())
+        before = casadi.gradient(casadi.dot(held, self.step(y, *given)), y)
+        return casadi.Function("adjoint", [held, y, *given], [casadi.densify(before)])
+
+    @cached_property
+    def varied(self) -> casadi.Function:
+        """One step of y (ny,) and its slopes (ny, nz + 2 + np) by z, t, the length of all steps
+        and p: (y, slopes, h, p, u) -> both after it, and the slopes (ny, ny) of y by y before.
+        """
+        y, h, p, u = self.step.sx_in()
+        end = self.step(y, h, p, u)
+        across, others = casadi.jacobian(end, y), casadi.jacobian(end, casadi.vertcat(h, p))
+        slopes = casadi.SX.sym("slopes", y.numel(), y.numel() + p.numel())
+        direct = casadi.horzcat(casadi.SX(y.numel(), y.numel() - 1), others)
+        after = casadi.mtimes(across, slopes) + direct
+        found = [end, casadi.densify(after), casadi.densify(across)]
+        return casadi.Function("varied", [y, slopes, h, p, u], found)
+
+    @cached_property
+    def curved(self) -> casadi.Function:
+        """(y, h, p, u, multipliers (ny,)) -> Hessian by y, h, p of y after a step times these."""
+        y, h, p, u = self.step.sx_in()
+        held = casadi.SX.sym("l", y.numel())
+        total = casadi.dot(held, self.step(y, h, p, u))
+        hessian = casadi.densify(casadi.hessian(total, casadi.vertcat(y, h, p))[0])
+        return casadi.Function("curved", [y, h, p, u, held], [hessian])
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """The motion along a law: a flow with the law's constants u (nu,); z (nz,) are the states with
+    what the phase carries.
+    """
+
+    problem: Problem
+    phase: Phase
+    flow: Flow
+    u: np.ndarray
 
     @cached_property
     def kinks(self) -> Expr:
@@ -59,7 +119,7 @@ class Motion:
     def through(self, z: np.ndarray, t: np.ndarray, h: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Return the same for steps of lengths h (steps, n)."""
         first = np.vstack([z, np.zeros(t.size), t]).T
-        (found,) = repeated(self.step, [first], [h[:, :, None], p.T], len(h))
+        (found,) = repeated(self.flow.step, [first], [h[:, :, None], p.T, self.u], len(h))
         return np.concatenate([first[None], found]).transpose(0, 2, 1)
 
     @cached_property
@@ -74,40 +134,9 @@ class Motion:
         """Return the multipliers (steps + 1, ny, n) of y before and after every step from y on the
         `way` (steps, ny, n) of lengths h (steps, n), from those `held` (ny, n) at the end.
         """
-        given = [way[::-1].transpose(0, 2, 1), h[::-1, :, None], p]
-        (found,) = repeated(self._adjoint, [held.T], given, len(h))
+        given = [way[::-1].transpose(0, 2, 1), h[::-1, :, None], p, self.u]
+        (found,) = repeated(self.flow.adjoint, [held.T], given, len(h))
         return np.concatenate([found[::-1], held.T[None]]).transpose(0, 2, 1)
-
-    @cached_property
-    def _adjoint(self) -> casadi.Function:
-        """(multipliers (ny,) of y after a step, y before it, h, p) -> those of y before it."""
-        y, h, p = self.step.sx_in()
-        held = casadi.SX.sym("l", y.numel())
-        before = casadi.gradient(casadi.dot(held, self.step(y, h, p)), y)
-        return casadi.Function("adjoint", [held, y, h, p], [casadi.densify(before)])
-
-    @cached_property
-    def _varied(self) -> casadi.Function:
-        """One step of y (ny,) and its slopes (ny, nz + 2 + np) by z, t, the length of all steps
-        and p: (y, slopes, h, p) -> both after it, and the slopes (ny, ny) of y by y before.
-        """
-        y, h, p = self.step.sx_in()
-        end = self.step(y, h, p)
-        across, others = casadi.jacobian(end, y), casadi.jacobian(end, casadi.vertcat(h, p))
-        slopes = casadi.SX.sym("slopes", y.numel(), y.numel() + p.numel())
-        direct = casadi.horzcat(casadi.SX(y.numel(), y.numel() - 1), others)
-        after = casadi.mtimes(across, slopes) + direct
-        found = [end, casadi.densify(after), casadi.densify(across)]
-        return casadi.Function("varied", [y, slopes, h, p], found)
-
-    @cached_property
-    def curved(self) -> casadi.Function:
-        """(y, h, p, multipliers (ny,)) -> Hessian by y, h, p of y after a step times these."""
-        y, h, p = self.step.sx_in()
-        held = casadi.SX.sym("l", y.numel())
-        total = casadi.dot(held, self.step(y, h, p))
-        hessian = casadi.densify(casadi.hessian(total, casadi.vertcat(y, h, p))[0])
-        return casadi.Function("curved", [y, h, p, held], [hessian])
 
     def sweep(self, given: list[np.ndarray], steps: int) -> "Sweep":
         """Integrate over n intervals from what is given: z (nz, n), t (1, n), h (1, n), p (np, 1),
@@ -120,7 +149,8 @@ class Motion:
         by[: len(z), : len(z)], by[-1, len(z)] = np.eye(len(z)), 1.0
         each = np.repeat(h / steps, steps)[None, :]
         begin = [first, np.tile(by.ravel("F"), (n, 1))]
-        found = repeated(self._varied, begin, [h[0][:, None] / steps, p[:, 0]], steps)
+        others = [h[0][:, None] / steps, p[:, 0], self.u]
+        found = repeated(self.flow.varied, begin, others, steps)
         y, slopes, across = (
             m.swapaxes(0, 1).reshape(n, steps, -1, ny).swapaxes(2, 3) for m in found
         )
@@ -161,7 +191,8 @@ class Sweep:
             later[:, k] = now
             now = (now[:, None] @ self.across[:, k])[:, 0]
         y, multipliers = (each.reshape(-1, ny).T for each in (self.before, later))
-        (found,) = numbers(self.motion.curved, y, self.each, self.p, multipliers)
+        motion = self.motion
+        (found,) = numbers(motion.flow.curved, y, self.each, self.p, motion.u, multipliers)
         hessians = found.T.reshape(n, steps, ny + 1 + len(self.p), -1)
         by = np.zeros((n, steps, hessians.shape[2], count))
         by[:, :, :ny] = self.begun
@@ -175,4 +206,21 @@ class Sweep:
 @of_motion
 def motion_of(problem: Problem, phase: Phase) -> Motion:
     """Return the motion along a phase's law; phases of one law share it."""
-    return once_along(problem, phase, motion_of, lambda: Motion(problem, phase))
+
+    def made() -> Motion:
+        return Motion(problem, phase, _flow_of(problem, phase), constants(phase.control))
+
+    return once_along(problem, phase, motion_of, made)
+
+
+@of_motion
+def _flow_of(problem: Problem, phase: Phase) -> Flow:
+    """Return the flow along a phase's law, shared with those that differ in constants alone."""
+    whole = replace(phase, control=opened(problem, phase.control))
+    told = casadi.vertcat(whole.control, whole.carried, whole.carried_rate)
+    # with the flow its expressions stay, by whose places in memory they are told apart
+    key = phase.when, *(each.element_hash() for each in told.elements())
+    known: dict[tuple[Any, ...], Flow] = cached(problem, _flow_of)
+    if key not in known:
+        known[key] = Flow(problem, whole)
+    return known[key]

@@ -9,6 +9,7 @@ from functools import cache, partial
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, final
 
+import casadi
 import numpy as np
 
 from socp.model import (
@@ -177,10 +178,10 @@ def _in_rows(
     most = np.append(_DIVERGED * scale[:-1], math.inf)
     latest = np.array([_latest(each) for each in pieces])
     done = [Strides.none(y.size)]
-    for modes, group in groupby(range(len(legs)), key=lambda k: pieces[k].modes) if known else ():
+    flows = [_moving(problem, each) for each in pieces] if known else []
+    for _, group in groupby(range(len(flows)), key=lambda k: id(flows[k])):
         own = list(group)
-        flow = open_flow(problem) if modes is None else closed_flow(problem, modes)
-        course = Course(flow, planned(pieces), p, latest, rtol, rtol * scale)
+        course = Course(flows[own[0]], planned(pieces), p, latest, rtol, rtol * scale)
         laid = np.hstack([_laid(legs[k], k, _LONGEST * horizon) for k in own])
         done.append(found := strides(course, laid, y, most))
         if not found.ends.size or found.ends[-1] < pieces[own[-1]].end:
@@ -260,10 +261,8 @@ def _flow(problem: Problem, piece: Piece, p: np.ndarray) -> Flow | Control:
     """Return what moves states and running cost on a piece: a flow with its controls and
     parameters, or, where casadi does not know the control, rates (n,) at a time and a state.
     """
-    if piece.modes is not None:
-        return closed_flow(problem, piece.modes), _nothing, p
     if piece.plan is not None:
-        return open_flow(problem), partial(lagrange, *piece.plan), p
+        return _moving(problem, piece), partial(lagrange, *piece.plan), p
     flow, control = fast(open_flow(problem)), piece.control
     assert control is not None  # noqa: S101 - one of the three is there
     last = _latest(piece)
@@ -275,13 +274,14 @@ def _flow(problem: Problem, piece: Piece, p: np.ndarray) -> Flow | Control:
     return rate
 
 
+def _moving(problem: Problem, piece: Piece) -> casadi.Function:
+    """Return the rates of states and running cost on a piece that is planned or has a law."""
+    return open_flow(problem) if piece.modes is None else closed_flow(problem, piece.modes)
+
+
 def _latest(piece: Piece) -> float:
     """Return the last time of a piece: at its end rates are those before what jumps there."""
     return math.nextafter(piece.end, piece.start)
-
-
-def _nothing(t: np.ndarray) -> np.ndarray:
-    return np.empty((0, t.size))
 
 
 def _scipy(

@@ -81,6 +81,39 @@ def test_arcs_of_one_law_share_their_functions() -> None:
     assert motion_of(known.phased.of, known.phased.phases[2]) is first
 
 
+def test_bangs_share_their_functions_and_each_goes_its_own_way() -> None:
+    """Along v' = u, x' = v from rest, over h: v = u h, x = u h^2 / 2, the cost u^2 h^3 / 6."""
+    x, v, y = states("x v y")
+    u, w = controls("u w")
+    problem = Problem(
+        name="bangs",
+        minimise=x,
+        running=u * x,
+        dynamics={x: v, v: u, y: w},
+        bounds={u: (-1, 2), w: (0, 1)},
+        start={x: 0, v: 0, y: 0},
+        singular={w: casadi.sin(v)},
+        final_time=1,
+    )
+    words = ("u: + -; w: + -", "u: + -; w: s s")
+    both = [follow(problem, Word.parse(each, ("u", "w"))).phases for each in words]
+    motions = [[motion_of(problem, phase) for phase in phases] for phases in both]
+    (up, down), others = motions
+    assert up.flow is down.flow is not others[0].flow is others[1].flow
+    h, rest, none = np.array([0.5, 1.5]), np.zeros((3, 2)), np.empty(0)
+    for motion, level in ((up, 2.0), (down, -1.0), (others[0], 2.0), (others[1], -1.0)):
+        end = motion.moved(rest, np.zeros(2), h, none, 3)[-1]
+        wanted = np.array([level * h**2 / 2, level * h, level**2 * h**3 / 6, h])
+        assert end[[0, 1, 3, 4]] == pytest.approx(wanted, rel=1e-13)
+        given = [rest, np.zeros((1, 2)), h[None, :], np.empty((0, 1))]
+        sweep = motion.sweep(given, 3)
+        by_length = sweep.slopes[:, [0, 1, 3], 4].T
+        wanted = np.array([level * h, [level, level], level**2 * h**2 / 2])
+        assert by_length == pytest.approx(wanted, rel=1e-13)
+        bent = sweep.bent(np.array([[1.0, 1.0], [1.0, 1.0], [0.0, 0.0]]))[:, 4, 4]
+        assert bent == pytest.approx(level + level**2 * h, rel=1e-12)
+
+
 def test_what_holds_where_one_arc_ends_is_not_taken_for_another_s() -> None:
     def left(known: Shooting, first: tuple[casadi.SX, ...], then: tuple[casadi.SX, ...]) -> Any:
         a, b, c = known.phased.phases

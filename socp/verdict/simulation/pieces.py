@@ -12,8 +12,10 @@ from socp import laws
 from socp.model import (
     SAME_TIME,
     Arc,
+    Expr,
     Modes,
     Problem,
+    cached,
     lagrange,
     numbers,
     of_motion,
@@ -21,7 +23,7 @@ from socp.model import (
     piecewise,
     time,
 )
-from socp.transcription import knot_times
+from socp.transcription import constants, knot_times, opened
 from socp.verdict.simulation.strides import Controls
 
 Control = Callable[[float, np.ndarray], np.ndarray]  # (t, x (nx,)) -> u (nu,)
@@ -31,8 +33,8 @@ Control = Callable[[float, np.ndarray], np.ndarray]  # (t, x (nx,)) -> u (nu,)
 @dataclass(frozen=True, eq=False)
 class Piece:
     """A stretch of time on which the control is smooth: a `plan`, which is the polynomial through
-    values (nu, k) at nodes (k,), one where the control does not vary; the law of an arc of `modes`;
-    or any function of time and state.
+    values (nu, k) at nodes (k,), one where the control does not vary; the law of an arc of `modes`,
+    whose constants are the plan; or any function of time and state.
     """
 
     start: float
@@ -43,10 +45,10 @@ class Piece:
 
     def controls(self, problem: Problem, t: np.ndarray, x: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Return the controls (nu, k) at times (k,) and states (nx, k) under parameters p (np,)."""
-        if self.plan is not None:
-            return lagrange(*self.plan, t)
         if self.modes is not None:
             return numbers(laws.feedback_function(problem, self.modes), x, t, p)[0]
+        if self.plan is not None:
+            return lagrange(*self.plan, t)
         assert self.control is not None  # noqa: S101 - one of the three is there
         u = [self.control(at, here) for at, here in zip(t.tolist(), x.T, strict=True)]
         return np.array(u).T
@@ -73,11 +75,14 @@ def pieces_in_time(arc: Arc) -> list[Piece]:
 def piece_of_law(problem: Problem, arc: Arc) -> Piece:
     """Return an arc's control as a feedback; raises MethodError where there is none."""
     laws.feedback_function(problem, arc.modes)
-    return Piece(float(arc.t[0]), float(arc.t[-1]), modes=arc.modes)
+    constant = constants(laws.arc_law(problem, arc.modes).control)
+    return Piece(float(arc.t[0]), float(arc.t[-1]), (arc.t[:1], constant[:, None]), arc.modes)
 
 
 def planned(pieces: Sequence[Piece]) -> Controls:
-    """Return the controls of pieces that are planned; those of others are nothing."""
+    """Return the controls of pieces that are planned; those of others, and of laws where these are
+    not constant, are nothing.
+    """
     counts = np.array([0 if each.plan is None else each.plan[0].size for each in pieces])
     place, tables, size = np.empty(counts.size, dtype=int), {}, 0
     for count in set(counts.tolist()) - {0}:
@@ -107,13 +112,12 @@ def controls_of(
     """Return the controls (nu, k), planned or by laws, at times (k,) and states (nx, k) under
     parameters (np,), of the pieces whose numbers are given (k,).
     """
-    (t, x, p), u = at, np.empty((problem.u.numel(), at[0].size))
+    (t, x, p), u = at, planned(pieces)(at[0], on)
     for modes in dict.fromkeys(each.modes for each in pieces):
-        if modes is None:
-            return planned(pieces)(t, on)
-        here = np.array([each.modes == modes for each in pieces])[on]
-        law = laws.feedback_function(problem, modes)
-        u[:, here] = numbers(law, x[:, here], t[here], p)[0]
+        if modes is not None and closed_flow(problem, modes) is not open_flow(problem):
+            here = np.array([each.modes == modes for each in pieces])[on]
+            law = laws.feedback_function(problem, modes)
+            u[:, here] = numbers(law, x[:, here], t[here], p)[0]
     return u
 
 
@@ -128,11 +132,24 @@ def open_flow(problem: Problem) -> casadi.Function:
 @of_motion
 @once
 def closed_flow(problem: Problem, modes: Modes) -> casadi.Function:
-    """Return the same under the feedback of an arc as a function of x, u (0,), t, p."""
-    nothing, given = casadi.SX.sym("u", 0), [problem.x, time, problem.p]
-    u = laws.feedback_function(problem, modes)(*given)
-    rates = open_flow(problem)(problem.x, u, time, problem.p)
-    return casadi.Function("flow", [problem.x, nothing, time, problem.p], [rates])
+    """Return the same under the feedback of an arc, whose constants alone are taken from u: laws
+    that differ in these share it.
+    """
+    control = opened(problem, laws.arc_law(problem, modes).control)
+    if casadi.is_equal(control, problem.u):
+        return open_flow(problem)
+    # with the flow its law stays, by whose places in memory it is told apart
+    key = tuple(each.element_hash() for each in control.elements())
+    known: dict[tuple[int, ...], tuple[Expr, casadi.Function]] = cached(problem, _closed)
+    if key not in known:
+        known[key] = control, _closed(problem, control)
+    return known[key][1]
+
+
+@of_motion
+def _closed(problem: Problem, control: Expr) -> casadi.Function:
+    rates = open_flow(problem)(problem.x, control, time, problem.p)
+    return casadi.Function("flow", [problem.x, problem.u, time, problem.p], [rates])
 
 
 def cut_at_knots(problem: Problem, piece: Piece) -> Iterator[Piece]:
