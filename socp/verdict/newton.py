@@ -25,8 +25,9 @@ _ULPS = 4.0  # rounding of every entry of a condition, in units of its last plac
 _DEPENDENT = 1e-10
 _NEWTON = 8  # steps: from a collocated solution two or three do
 _FAR = 16  # the same from the solution of another problem: five to ten do
-# Of the variables' magnitudes: after a step below it the same matrix gains six digits with the next
-_CHORD = 1e-6
+# Of the variables' magnitudes: after a step below it the same matrix gains four digits with the
+# next, which takes a third of the time of another matrix
+_CHORD = 1e-4
 # Of the step before it: a step that is longer was made with a matrix from too far away
 _BROUGHT = 0.05
 # Of the variables' magnitudes: a step below it is rounding, which may keep it at some times as much
@@ -259,7 +260,7 @@ def settled(
             break  # the next step would be rounding
         if not np.abs((at - start) / size).max() <= (np.finfo(float).max if far else AWAY):
             return None
-        if not (brought if not own else long <= _CHORD):
+        if not brought or (own and long > _CHORD):
             system = None
     if (
         system is None
