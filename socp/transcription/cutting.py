@@ -24,6 +24,7 @@ from socp.model import (
     evaluate,
     function_of,
     join,
+    lately,
     numbers,
     of_motion,
     once,
@@ -41,6 +42,7 @@ from socp.transcription.schemes import lgr
 _LOOKS = 8
 _SLIVER = 1e-3  # of a piece: a shorter interval beside a joint is not worth its nodes
 _CROWD = 8  # zeros of one expression in one arc at most: what has more is no kink but noise
+_ARCS = 32  # arcs of a problem whose joints are kept: those of a few words, solved and judged
 _MOST = 100  # cuts of one arc at most, of a table with as many knots
 # Of the range of a constraint's values on an arc: a solver leaves as much at a node where it is
 # active, and between the nodes beside it the constraint is violated
@@ -150,17 +152,24 @@ def part(arc: Arc, span: tuple[float, float], mesh: Mesh) -> Arc:
 def _joints(
     phased: PhasedProblem, phase: Phase, arc: Arc, solution: Solution
 ) -> tuple[_Joint, ...]:
-    """Return the joints inside an arc, in order."""
-    length = arc.t[-1] - arc.t[0]
-    if (
-        phase.free.numel()
-        or phase.carried.numel()
-        or length <= SAME_TIME * (solution.final_time - solution.initial_time)
-    ):
+    """Return the joints inside an arc, in order: looked for once for the same motion along the same
+    law.
+    """
+    length, horizon = arc.t[-1] - arc.t[0], solution.final_time - solution.initial_time
+    if phase.free.numel() or phase.carried.numel() or length <= SAME_TIME * horizon:
         return ()
     looks = _Looks(phased, phase, arc, parameters_of(phased.of, solution))
-    found = [*_crossings(looks), *_touches(looks)]
-    apart = SAME_TIME * length  # a crossing at an end of the arc is the end
+    values = (each.tobytes() for each in (arc.t, arc.x, arc.mesh, looks.p))
+    # with what is kept the law stays, by whose places in memory it is told apart
+    law = (each.element_hash() for each in phase.control.elements())
+    key = phase.modes, phase.when, phase.kept, *values, *law
+    return lately(phased.of, _joints, key, lambda: (phase.control, _looked_for(looks)), _ARCS)[1]
+
+
+def _looked_for(looks: "_Looks") -> tuple[_Joint, ...]:
+    arc, found = looks.arc, [*_crossings(looks), *_touches(looks)]
+    # a crossing at an end of the arc is the end
+    apart = SAME_TIME * (arc.t[-1] - arc.t[0])
     inside = [each for each in found if arc.t[0] + apart < each.t < arc.t[-1] - apart]
     inside.sort(key=lambda each: each.t)
     # two kinks at one time, such as those of p and p v, need one joint

@@ -44,6 +44,13 @@ class Flow:
     phase: Phase
 
     @cached_property
+    def kinks(self) -> Expr:
+        """What vanishes (k, 1) where the rate, or the running cost, is not smooth."""
+        problem = self.problem
+        given = casadi.vertcat(problem.x, time, problem.p, problem.u)
+        return kinks(casadi.vertcat(*self.phase.flow(problem)), given)
+
+    @cached_property
     def step(self) -> casadi.Function:
         """One step (y, h, p, u) -> y after it."""
         problem, phase = self.problem, self.phase
@@ -104,6 +111,9 @@ class Motion:
     @cached_property
     def kinks(self) -> Expr:
         """What vanishes (k, 1) where the rate, or the running cost, is not smooth."""
+        shared = self.flow.kinks
+        if not casadi.depends_on(shared, self.problem.u):
+            return shared
         given = casadi.vertcat(self.problem.x, time, self.problem.p)
         return kinks(casadi.vertcat(*self.phase.flow(self.problem)), given)
 
