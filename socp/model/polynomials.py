@@ -5,6 +5,8 @@ Everything is as for Lagrange interpolation in Berrut, Trefethen, Barycentric La
 Interpolation, SIAM Review 46, 2004; nodes are in any unit, in increasing order, no two the same.
 """
 
+import math
+
 import numpy as np
 
 from socp.model.tolerances import ROUNDED
@@ -98,11 +100,12 @@ def differentiation(nodes: np.ndarray) -> np.ndarray:
 
 
 def legendre(degree: int, tau: np.ndarray) -> np.ndarray:
-    """Return P_0 .. P_degree at tau in [-1, 1] (n,), as (degree + 1, n), in the precision of tau.
+    """Return P_0 .. P_degree at tau in [-1, 1] (..., n), as (degree + 1, ..., n), in the precision
+    of tau.
 
     By the three-term recurrence (k + 1) P_{k+1} = (2 k + 1) tau P_k - k P_{k-1}.
     """
-    P = np.ones((max(degree, 1) + 1, tau.size), dtype=tau.dtype)
+    P = np.ones((max(degree, 1) + 1, *tau.shape), dtype=tau.dtype)
     P[1] = tau
     for k in range(1, degree):
         P[k + 1] = ((2 * k + 1) * tau * P[k] - k * P[k - 1]) / (k + 1)
@@ -110,16 +113,18 @@ def legendre(degree: int, tau: np.ndarray) -> np.ndarray:
 
 
 def legendre_coefficients(
-    nodes: np.ndarray, values: np.ndarray, span: tuple[float, float]
+    nodes: np.ndarray, values: np.ndarray, span: tuple[float | np.ndarray, float | np.ndarray]
 ) -> np.ndarray:
     """Return the Legendre coefficients (p, ...) on an interval, `span`, of the polynomial through
-    values (p, ...) at nodes (p,).
+    values (p, ...) at nodes (p,); of m of them at once where all have an axis (m,) before.
 
     The first one is the polynomial's mean over the interval; the last ones measure how smooth it
     is: of a smooth function they fall geometrically.
     """
-    first, last = span
+    first, last = (np.asarray(each)[..., None] for each in span)
     tau = (2.0 * nodes - first - last) / (last - first)
-    flat = np.linalg.solve(legendre(nodes.size - 1, tau).T, values.reshape(nodes.size, -1))
+    table = np.moveaxis(legendre(nodes.shape[-1] - 1, tau), 0, -1)
+    rest = math.prod(values.shape[nodes.ndim :])  # no other size where there are no intervals
+    flat = np.linalg.solve(table, values.reshape(*nodes.shape, rest))
     coefficients: np.ndarray = flat.reshape(values.shape)
     return coefficients

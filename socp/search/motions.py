@@ -4,7 +4,6 @@ its grid makes of it, and controls held over every interval.
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -18,7 +17,6 @@ from socp.model import (
     Solution,
     Stop,
     Watch,
-    legendre_coefficients,
     once,
     silent,
 )
@@ -180,13 +178,7 @@ def _own(direct: Solution, problem: Problem) -> Solution:
 def _held(arc: Arc) -> Arc:
     """Return an arc with the mean of its control on every interval."""
     ends = arc.mesh
-    spans = [(float(arc.t[a]), float(arc.t[b])) for a, b in pairwise(ends)]
-    means = np.empty((arc.u.shape[0], len(spans)))
-    for k, span in enumerate(spans):
-        nodes = arc.nodes(k, "u")
-        for i, row in enumerate(arc.u[:, nodes]):
-            # the first Legendre coefficient of the polynomial through the nodes
-            means[i, k] = legendre_coefficients(arc.t[nodes], row, span)[0]
+    means = np.array([arc.means(row) for row in arc.u])
     return replace(
         arc,
         t=arc.t[ends],

@@ -15,7 +15,6 @@ from socp.model import (
     Problem,
     Solution,
     evaluate,
-    legendre_coefficients,
     parameters_of,
 )
 from socp.search.candidate import Candidate, insert, merged
@@ -89,8 +88,7 @@ def _deviations(
     """Return the middles of the grid's intervals in a stretch (k,) and the mean deviation of
     control i there (k,).
     """
-    middles: list[float] = []
-    means: list[float] = []
+    middles, means = [np.empty(0)], [np.empty(0)]
     for modes, (a, b) in zip(given.arcs, pairwise(given.edges), strict=True):
         if not span[0] <= (a + b) / 2.0 <= span[1]:
             continue
@@ -100,15 +98,14 @@ def _deviations(
             continue
         for arc in given.source.arcs:
             off = arc.u[i] - evaluate(law, arc.x, arc.t, parameters_of(problem, given.source))[0][i]
-            for k, ends in enumerate(pairwise(arc.t[arc.mesh])):
-                nodes = arc.nodes(k, "u")
-                t = arc.t[nodes]
-                if a <= t.mean() <= b:
-                    middles.append(float(t.mean()))
-                    # of the polynomial through the nodes: the first of its Legendre coefficients
-                    means.append(float(legendre_coefficients(t, off[nodes], ends)[0]))
-    order = np.argsort(middles)
-    return np.array(middles)[order], np.array(means)[order]
+            t = np.empty(arc.mesh.size - 1)
+            for some, nodes in arc.alike("u"):
+                t[some] = arc.t[nodes].mean(axis=1)
+            inside = (a <= t) & (t <= b)
+            middles.append(t[inside])
+            means.append(arc.means(off)[inside])
+    order = np.argsort(np.concatenate(middles))
+    return np.concatenate(middles)[order], np.concatenate(means)[order]
 
 
 def candidate(solution: Solution, stretches: dict[str, tuple[Stretch, ...]]) -> Candidate:
@@ -215,13 +212,9 @@ def _time_above(problem: Problem, solution: Solution, name: str, stretch: Stretc
     low, high = problem.box[:, i]
     area = 0.0
     for arc in solution.arcs:
-        for k in range(len(arc.mesh) - 1):
-            start, end = arc.t[arc.mesh[k]], arc.t[arc.mesh[k + 1]]
-            common = min(b, end) - max(a, start)
-            if common > 0.0:
-                nodes = arc.nodes(k, "u")
-                mean = legendre_coefficients(arc.t[nodes], arc.u[i, nodes], (start, end))[0]
-                area += common * float(mean)
+        ends = arc.t[arc.mesh]
+        common = np.minimum(b, ends[1:]) - np.maximum(a, ends[:-1])
+        area += float(np.maximum(common, 0.0) @ arc.means(arc.u[i]))
     return float(np.clip((area - low * (b - a)) / (high - low), 0.0, b - a))
 
 

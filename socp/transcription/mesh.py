@@ -140,16 +140,14 @@ def tails(arc: Arc, values: np.ndarray) -> np.ndarray:
     """Return the last two Legendre coefficients of values (rows, n) at an arc's nodes, the largest
     of every interval (k,).
     """
-    sizes = []
-    for k in range(len(arc.mesh) - 1):
-        nodes = arc.nodes(k)
-        t, rows = arc.t[nodes], values[:, nodes]
-        if coincident(t):
-            sizes.append(0.0)
-            continue
-        last = legendre_coefficients(t, rows.T, (t[0], t[-1]))[-2:]
-        sizes.append(float(np.max(np.abs(last))))
-    return np.array(sizes)
+    sizes = np.zeros(len(arc.mesh) - 1)
+    for some, nodes in arc.alike():
+        t, rows = arc.t[nodes], np.moveaxis(values[:, nodes], 0, -1)
+        apart = np.array([not coincident(each) for each in t])
+        t, rows = t[apart], rows[apart]
+        last = legendre_coefficients(t, rows, (t[:, 0], t[:, -1]))[:, -2:]
+        sizes[some[apart]] = np.abs(last).max(axis=(1, 2), initial=0.0)
+    return sizes
 
 
 def unresolved(problem: Problem, solution: Solution) -> list[np.ndarray]:

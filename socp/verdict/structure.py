@@ -40,8 +40,13 @@ def structure_of(problem: Problem, solution: Solution) -> dict[str, tuple[Stretc
     values are read.
 
     A single interval between two stretches of different kinds holds the switch: it is placed where
-    the integral of the control over the interval is kept.
+    the integral of the control over the interval is kept. A solution is read once.
     """
+    return dict(_stretches(solution, problem))
+
+
+@once
+def _stretches(solution: Solution, problem: Problem) -> dict[str, tuple[Stretch, ...]]:
     found = {}
     for i, name in enumerate(problem.control_names):
         stretches: list[Stretch] = []

@@ -19,6 +19,7 @@ from socp.model.polynomials import (
     piecewise,
 )
 from socp.model.result.arc import Arc
+from socp.model.word import Mode
 from socp.transcription.schemes import lgr
 
 POINTS = [1, 2, 3, 4, 5, 7, 10, 15, 20, 30, 40, 50, 60]
@@ -131,3 +132,32 @@ def test_of_many_polynomials_those_asked_for_are_worked_on_alone() -> None:
     tracemalloc.stop()
     np.testing.assert_allclose(found[0], t**2, rtol=1e-9)
     assert most < 0.1 * nodes.nbytes
+
+
+def test_coefficients_of_many_intervals_are_those_of_each() -> None:
+    random = np.random.default_rng(3)
+    nodes, values = np.sort(random.uniform(size=(5, 4))), random.normal(size=(5, 4, 2))
+    first, last = nodes[:, 0] - 0.1, nodes[:, -1] + 0.2
+    together = legendre_coefficients(nodes, values, (first, last))
+    for k in range(5):
+        own = legendre_coefficients(nodes[k], values[k], (first[k], last[k]))
+        assert together[k] == pytest.approx(own, rel=1e-13)
+    none = legendre_coefficients(nodes[:0], values[:0], (first[:0], last[:0]))
+    assert none.shape == (0, 4, 2)
+
+
+@pytest.mark.parametrize("side", ["left", "right", "both"])
+def test_means_over_intervals_are_those_of_the_polynomials_through_their_nodes(
+    side: Literal["left", "right", "both"],
+) -> None:
+    """Of t^2 over intervals with 4, 3 and 4 nodes, all but those that a side leaves out."""
+    mesh = np.array([0, 3, 5, 8])
+    t = np.array([0.0, 0.2, 0.7, 1.0, 1.4, 2.0, 2.3, 2.9, 3.5])
+    rows = np.zeros((1, t.size))
+    arc = Arc(t=t, x=rows, u=rows, costate=rows, mesh=mesh, side=side, modes=(Mode("free"),))
+    ends = t[mesh]
+    wanted = (ends[1:] ** 3 - ends[:-1] ** 3) / 3 / np.diff(ends)
+    if side != "both":  # two nodes are left in the middle: a straight line between them
+        a, b = (t[3], t[4]) if side == "left" else (t[4], t[5])
+        wanted[1] = (a + b) * 1.5 - a * b
+    assert arc.means(t**2) == pytest.approx(wanted, rel=1e-13)

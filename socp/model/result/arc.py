@@ -1,12 +1,12 @@
 """Arcs: values at nodes in time, and what they are in between."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, final
 
 import numpy as np
 
-from socp.model.polynomials import lagrange, piecewise
+from socp.model.polynomials import lagrange, legendre_coefficients, piecewise
 from socp.model.word import Mode, Modes
 
 # Intervals that are evaluated one after the other: all at once takes as long as some of these
@@ -53,6 +53,24 @@ class Arc:
         if which != "u":
             return slice(first, last + 1)
         return slice(first + (self.side == "right"), last + (self.side != "left"))
+
+    def alike(self, which: Which = "x") -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield the intervals (m,) that have as many nodes as one another, and these (m, p)."""
+        spans = [self.nodes(k, which) for k in range(len(self.mesh) - 1)]
+        first, last = np.array([(each.start, each.stop) for each in spans]).T
+        for size in np.unique(last - first).tolist():
+            some = np.flatnonzero(last - first == size)
+            yield some, first[some, None] + np.arange(size)
+
+    def means(self, row: np.ndarray) -> np.ndarray:
+        """Return the mean (k,) over every interval of the polynomial through values, a row (n,) of
+        them, at the nodes of the controls.
+        """
+        found, ends = np.empty(len(self.mesh) - 1), self.t[self.mesh]
+        for some, nodes in self.alike("u"):
+            span = ends[some], ends[some + 1]
+            found[some] = legendre_coefficients(self.t[nodes], row[nodes], span)[:, 0]
+        return found
 
     def at(self, t: Any, which: Which = "x", seen: Any = None) -> np.ndarray:
         """Evaluate x, u or costate at times t (k,) inside the arc; returns (rows, k).
