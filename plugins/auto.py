@@ -219,7 +219,7 @@ class Auto(Method):
                     break
             if search.chatters:  # nothing but infinitely many switches comes of more words
                 break
-            for direct in shown:
+            for direct in () if search.over else shown:
                 refine(problem, direct, search, watch, late=True)
             if search.over:
                 break

@@ -183,6 +183,8 @@ class _Shooting:
         weights = 1.0 / np.where(sizes > 0.0, sizes, 1.0)
         shots = shots[_nearest(off * weights, shots.words)]
         for rounds, far in _ROUNDS:
+            if not len(shots.lengths):
+                return []
             shots, off, cost = self._corrected(shots, weights, rounds)
             near = np.abs(off * weights).max(axis=1, initial=0.0) <= far
             shots, cost = shots[near], cost[near]
