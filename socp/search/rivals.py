@@ -41,9 +41,12 @@ _SHOTS = 1024  # words with random lengths: two hundred of each of the most that
 _STEPS = 10  # of Runge and Kutta's method on an arc: a guess takes no digits
 _ALIKE = 8  # shots of one word that are corrected
 _CORRECTED = 64  # shots that are corrected
-# Steps of Gauss and Newton, and what is still off by so many times the median miss of random shots
-# is left after them
-_ROUNDS = ((3, 0.6), (3, 0.4), (8, 1e-3))
+_MET = 1e-3  # of the median miss of random shots: as much is none
+# Steps of Gauss and Newton, and what is still off by so many times that miss is left after them
+_ROUNDS = (3, 0.6), (3, 0.4), (3, 0.4), (3, 0.4), (2, _MET)
+# Of a miss before three such steps: what they leave where they lead to an end. Where none is in
+# reach they come to the least miss there is, and take some hundredths of it
+_LED_ON = 0.5
 _BETTER = 1e-2  # of the cost: more than what shots that meet the ends so nearly are wrong by
 _WORDS = 3  # words solved, the best first
 _TIMES = 3  # better and better ones in a row
@@ -182,12 +185,14 @@ class _Shooting:
         sizes = np.median(np.abs(off[finite]), axis=0) if finite.any() else np.ones(off.shape[1])
         weights = 1.0 / np.where(sizes > 0.0, sizes, 1.0)
         shots = shots[_nearest(off * weights, shots.words)]
+        last = np.full(len(shots.lengths), np.inf)
         for rounds, far in _ROUNDS:
-            if not len(shots.lengths):
+            if not last.size:
                 return []
             shots, off, cost = self._corrected(shots, weights, rounds)
-            near = np.abs(off * weights).max(axis=1, initial=0.0) <= far
-            shots, cost = shots[near], cost[near]
+            miss = np.abs(off * weights).max(axis=1, initial=0.0)
+            near = (miss <= far) & (miss <= np.maximum(_LED_ON * last, _MET))
+            shots, cost, last = shots[near], cost[near], miss[near]
         order = np.argsort(cost)
         words = shots.words
         first = {words[k]: k for k in reversed(order)}

@@ -1,6 +1,7 @@
 """Rivals: better extremals than a certified one, found by shooting along short words of bangs."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,6 +46,22 @@ def test_a_rival_is_met_by_shooting() -> None:
     found = rivals(CURRENT, worse)
     assert found[0].objective == pytest.approx(2.0 / 3.0)
     assert all(each.objective < worse.objective for each in found)
+
+
+def test_shots_that_come_no_nearer_are_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the best extremal every shot comes to a least miss in three steps or so."""
+    counts, corrected = list[int](), _Shooting._corrected
+
+    def counted(self: _Shooting, shots: Any, weights: np.ndarray, rounds: int) -> Any:
+        counts.append(len(shots.lengths))
+        return corrected(self, shots, weights, rounds)
+
+    monkeypatch.setattr(_Shooting, "_corrected", counted)
+    assert rivals(CURRENT, along(replace(CURRENT, guess={x: (0, 1)}), "+")) == []
+    assert counts[2] < counts[1] / 4
+    none = len(counts)
+    assert rivals(CURRENT, along(CURRENT, "-"))
+    assert len(counts) - none > none
 
 
 @pytest.mark.slow
