@@ -44,9 +44,7 @@ _CORRECTED = 64  # shots that are corrected
 _MET = 1e-3  # of the median miss of random shots: as much is none
 # Steps of Gauss and Newton, and what is still off by so many times that miss is left after them
 _ROUNDS = (3, 0.6), (3, 0.4), (3, 0.4), (3, 0.4), (2, _MET)
-# Of a miss before three such steps: what they leave where they lead to an end. Where none is in
-# reach they come to the least miss there is, and take some hundredths of it
-_LED_ON = 0.5
+_LED_ON = 0.5  # of a miss: three such steps leave less, but next to a least miss, which stays
 _BETTER = 1e-2  # of the cost: more than what shots that meet the ends so nearly are wrong by
 _WORDS = 3  # words solved, the best first
 _TIMES = 3  # better and better ones in a row
@@ -317,9 +315,7 @@ class _Shooting:
         return np.where(shots.lengths[:, None] > 0.0, slopes, 0.0)
 
     def _kept(self, shots: _Shots, lengths: np.ndarray) -> _Shots:
-        """Return shots with other lengths, no arc lost or taken back, the horizon where it has to
-        be.
-        """
+        """Return shots with other lengths, no arc lost or taken back, a fixed horizon kept."""
         least = 1e-6 * (self.times[1] - self.times[0])
         kept = np.where(shots.lengths > 0.0, np.maximum(lengths, least), 0.0)
         if self.fixed:
@@ -328,8 +324,7 @@ class _Shooting:
 
 
 def _norm(off: np.ndarray) -> np.ndarray:
-    sizes: np.ndarray = np.nan_to_num(np.linalg.norm(off, axis=1), nan=np.inf)
-    return sizes
+    return np.array(np.nan_to_num(np.linalg.norm(off, axis=1), nan=np.inf))
 
 
 def _nearest(off: np.ndarray, words: list[bytes]) -> np.ndarray:
