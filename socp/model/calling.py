@@ -73,12 +73,12 @@ def repeated(
     count = len(first[0])
     desk = _taken(function, count)
     begun, others = desk.given[: len(first)], desk.given[len(first) :]
-    shapes = ((times, *own.shape) for own in others)
-    pairs = [
-        (own, np.broadcast_to(each, shape))
-        for own, each, shape in zip(others, given, shapes, strict=True)
-        if own.size
-    ]
+    pairs = []
+    for own, each in zip(others, given, strict=True):
+        if each.ndim < own.ndim + 1:  # the same for every call
+            own[:] = each
+        elif own.size:
+            pairs.append((own, np.broadcast_to(each, (times, *own.shape))))
     found = [np.empty((times, *own.shape)) for own in desk.found]
     for own, each in zip(begun, first, strict=True):
         own[:] = each

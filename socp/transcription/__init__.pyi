@@ -30,7 +30,6 @@ from .mesh import uniform as uniform
 from .mesh import unresolved as unresolved
 from .motion import Motion as Motion
 from .motion import constants as constants
-from .motion import interval_ends as interval_ends
 from .motion import opened as opened
 from .phases import Choice as Choice
 from .phases import Phase as Phase
@@ -48,3 +47,4 @@ from .schemes import lgr as lgr
 from .schemes import radau_iia as radau_iia
 from .schemes import trapezoid as trapezoid
 from .shooting import Shooting as Shooting
+from .shooting import interval_ends as interval_ends

@@ -5,7 +5,6 @@ as those of all bang arcs, whatever words and intervals they stand in.
 The formula is that of Dormand and Prince (Hairer, Norsett, Wanner, Solving ODEs I, II.5).
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, final
@@ -13,21 +12,10 @@ from typing import Any, final
 import casadi
 import numpy as np
 
-from socp.model import (
-    Expr,
-    Problem,
-    Solution,
-    cached,
-    column,
-    numbers,
-    of_motion,
-    parameters_of,
-    repeated,
-    time,
-)
+from socp.model import Expr, Problem, cached, column, numbers, of_motion, repeated, time
 from socp.transcription.dormand_prince import stage_points
 from socp.transcription.kinks import kinks
-from socp.transcription.phases import Phase, PhasedProblem, once_along
+from socp.transcription.phases import Phase, once_along
 
 _END = 12  # the stage that is the end of a step
 
@@ -75,16 +63,6 @@ class Flow:
             slopes.append(motion(at[:-2], at[-1], problem.p, problem.u))
             at = point(y, h, casadi.horzcat(*slopes))
         return casadi.Function("step", [y, h, problem.p, problem.u], [casadi.densify(at)])
-
-    def through(
-        self, z: np.ndarray, t: np.ndarray, h: np.ndarray, p: np.ndarray, u: np.ndarray
-    ) -> np.ndarray:
-        """Return y (steps + 1, ny, n) before and after every one of steps of lengths h (steps, n)
-        from z (nz, n) at times t (n,) under p, (np,) or (np, n), and u, (nu,) or (nu, n).
-        """
-        first = np.vstack([z, np.zeros(t.size), t]).T
-        (found,) = repeated(self.step, [first], [h[:, :, None], p.T, u.T], len(h))
-        return np.concatenate([first[None], found]).transpose(0, 2, 1)
 
     @cached_property
     def adjoint(self) -> casadi.Function:
@@ -150,7 +128,9 @@ class Motion:
 
     def through(self, z: np.ndarray, t: np.ndarray, h: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Return the same for steps of lengths h (steps, n)."""
-        return self.flow.through(z, t, h, p, self.u)
+        first = np.vstack([z, np.zeros(t.size), t]).T
+        (found,) = repeated(self.flow.step, [first], [h[:, :, None], p.T, self.u], len(h))
+        return np.concatenate([first[None], found]).transpose(0, 2, 1)
 
     @cached_property
     def control(self) -> casadi.Function:
@@ -254,28 +234,3 @@ def _flow_of(problem: Problem, phase: Phase) -> Flow:
     if key not in known:
         known[key] = Flow(problem, whole)
     return known[key]
-
-
-def interval_ends(
-    phased: PhasedProblem, start: Solution, phases: Iterable[int], steps: int
-) -> dict[int, np.ndarray]:
-    """Return states, what is carried and running cost (nz + 1, m) in which the m intervals of every
-    one of the phases k end; those along one flow are gone over together.
-    """
-    p, found = parameters_of(phased.of, start), dict[int, np.ndarray]()
-    alike: dict[int, list[int]] = {}
-    motions = {k: motion_of(phased.of, phased.phases[k]) for k in phases}
-    for k, motion in motions.items():
-        alike.setdefault(id(motion.flow), []).append(k)
-    for own in alike.values():
-        pairs = [(phased.phases[k].carried.numel(), start.arcs[k]) for k in own]
-        corners = [arc.t[arc.mesh] for _, arc in pairs]
-        z = [np.vstack([a.x, a.costate[:carried]])[:, a.mesh[:-1]] for carried, a in pairs]
-        u = [np.tile(motions[k].u, (t.size - 1, 1)) for k, t in zip(own, corners, strict=True)]
-        h = np.tile(np.concatenate([np.diff(t) for t in corners]) / steps, (steps, 1))
-        begins = np.concatenate([t[:-1] for t in corners])
-        flow = motions[own[0]].flow
-        ends = flow.through(np.hstack(z), begins, h, p, np.vstack(u).T)[-1, :-1]
-        parts = np.cumsum([t.size - 1 for t in corners])[:-1]
-        found |= dict(zip(own, np.split(ends, parts, axis=1), strict=True))
-    return dict(sorted(found.items()))

@@ -381,6 +381,18 @@ def _joined(shooting: Shooting) -> tuple[casadi.Function, casadi.Function]:
     )
 
 
+def interval_ends(phased: PhasedProblem, start: Solution, k: int, steps: int) -> np.ndarray:
+    """Return states, what is carried and running cost (nz + 1, m) in which the m intervals of phase
+    k end.
+    """
+    phase, arc, p = phased.phases[k], start.arcs[k], parameters_of(phased.of, start)
+    t = arc.t[arc.mesh]
+    z = np.vstack([arc.x, arc.costate[: phase.carried.numel()]])[:, arc.mesh[:-1]]
+    motion = motion_of(phased.of, phase)
+    ends: np.ndarray = motion.moved(z, t[:-1], np.diff(t), p, steps)[-1][:-1]
+    return ends
+
+
 def _end_names(problem: Problem) -> list[str]:
     """Return the names of the values at the ends: of states at both, of parameters and times."""
     states = [f"{end}.{name}" for end in ("start", "end") for name in problem.state_names]

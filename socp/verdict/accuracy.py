@@ -271,10 +271,10 @@ def _steps_of(phased: PhasedProblem, start: Solution) -> tuple[int, ...] | None:
     when doubled; None where none do, as where the motion is stiff, unstable or not smooth.
     """
     nx, left = phased.of.x.numel(), range(len(phased.phases))
-    ends = list(interval_ends(phased, start, left, _STEPS[0]).values())
+    ends = [interval_ends(phased, start, k, _STEPS[0]) for k in left]
     found = dict[int, int]()
     for count in _STEPS[1:]:
-        now = interval_ends(phased, start, [k for k in left if k not in found], count)
+        now = {k: interval_ends(phased, start, k, count) for k in left if k not in found}
         before, ends = ends, [now.get(k, each) for k, each in enumerate(ends)]
         # what is carried along one arc is seen against its size there, states and cost against
         # theirs on all of them

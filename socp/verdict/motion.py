@@ -179,9 +179,10 @@ def _in_rows(
     latest = np.array([_latest(each) for each in pieces])
     done = [Strides.none(y.size)]
     flows = [_moving(problem, each) for each in pieces] if known else []
+    controls = planned(pieces)
     for _, group in groupby(range(len(flows)), key=lambda k: id(flows[k])):
         own = list(group)
-        course = Course(flows[own[0]], planned(pieces), p, latest, rtol, rtol * scale)
+        course = Course(flows[own[0]], controls, p, latest, rtol, rtol * scale)
         laid = np.hstack([_laid(legs[k], k, _LONGEST * horizon) for k in own])
         done.append(found := strides(course, laid, y, most))
         if not found.ends.size or found.ends[-1] < pieces[own[-1]].end:

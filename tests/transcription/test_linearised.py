@@ -11,7 +11,7 @@ from socp import Problem, Word, controls, default_guess, parameters, states, tim
 from socp.methods.guess import split
 from socp.transcription import follow
 from socp.transcription.linearised import Linearised
-from socp.transcription.motion import interval_ends, motion_of
+from socp.transcription.motion import motion_of
 from socp.transcription.shooting import Shooting
 
 
@@ -127,14 +127,3 @@ def test_what_holds_where_one_arc_ends_is_not_taken_for_another_s() -> None:
     y, w = casadi.vertsplit(again.phased.of.x)
     assert np.array_equal(left(known, (x,), (v,)), left(again, (y,), (w,)))
     assert not np.array_equal(both, left(again, (y,), (w,)))
-
-
-def test_intervals_of_all_phases_end_as_each_of_them_does() -> None:
-    known = shooting()
-    phased, start = known.phased, known.solution
-    together = interval_ends(phased, start, [2, 0, 1], 3)
-    assert list(together) == [0, 1, 2]
-    for k, (motion, arc) in enumerate(zip(known.motions, start.arcs, strict=True)):
-        corners = arc.t[arc.mesh]
-        given = arc.x[:, arc.mesh[:-1]], corners[:-1], np.diff(corners), np.array([0.7])
-        assert np.array_equal(together[k], motion.moved(*given, 3)[-1, :-1])

@@ -84,6 +84,9 @@ def planned(pieces: Sequence[Piece]) -> Controls:
     not constant, are nothing.
     """
     counts = np.array([0 if each.plan is None else each.plan[0].size for each in pieces])
+    if (counts == 1).all():  # bangs, and laws with their constants
+        levels = np.hstack([each.plan[1] for each in pieces if each.plan])
+        return lambda _, on: levels[:, on]
     place, tables, size = np.empty(counts.size, dtype=int), {}, 0
     for count in set(counts.tolist()) - {0}:
         alike = np.flatnonzero(counts == count)
