@@ -65,14 +65,6 @@ class Flow:
         return casadi.Function("step", [y, h, problem.p, problem.u], [casadi.densify(at)])
 
     @cached_property
-    def adjoint(self) -> casadi.Function:
-        """(multipliers (ny,) of y after a step, y before it, h, p, u) -> those of y before it."""
-        y, *given = self.step.sx_in()
-        held = casadi.SX.sym("l", y.numel())
-        before = casadi.gradient(casadi.dot(held, self.step(y, *given)), y)
-        return casadi.Function("adjoint", [held, y, *given], [casadi.densify(before)])
-
-    @cached_property
     def varied(self) -> casadi.Function:
         """One step of y (ny,) and its slopes (ny, nz + 2 + np) by z, t, the length of all steps
         and p: (y, slopes, h, p, u) -> both after it, and the slopes (ny, ny) of y by y before.
@@ -138,16 +130,6 @@ class Motion:
         given = [self.problem.x, self.phase.carried, time, self.problem.p]
         return casadi.Function("u", given, [self.phase.control])
 
-    def returned(
-        self, held: np.ndarray, way: np.ndarray, h: np.ndarray, p: np.ndarray
-    ) -> np.ndarray:
-        """Return the multipliers (steps + 1, ny, n) of y before and after every step from y on the
-        `way` (steps, ny, n) of lengths h (steps, n), from those `held` (ny, n) at the end.
-        """
-        given = [way[::-1].transpose(0, 2, 1), h[::-1, :, None], p, self.u]
-        (found,) = repeated(self.flow.adjoint, [held.T], given, len(h))
-        return np.concatenate([found[::-1], held.T[None]]).transpose(0, 2, 1)
-
     def sweep(self, given: list[np.ndarray], steps: int) -> "Sweep":
         """Integrate over n intervals from what is given: z (nz, n), t (1, n), h (1, n), p (np, 1),
         in so many steps each.
@@ -190,16 +172,41 @@ class Sweep:
     each: np.ndarray
     p: np.ndarray
 
-    def bent(self, held: np.ndarray) -> np.ndarray:
-        """Return the Hessians (n, nz + 2 + np,) twice, by the same, of the running cost and z times
-        multipliers held (nz, n).
+    def returned(self, held: np.ndarray) -> np.ndarray:
+        """Return the multipliers (n, steps, ny) of y after every step from those of z where the
+        intervals end, held (nz, n).
         """
-        n, steps, ny, count = self.begun.shape
+        n, steps, ny, _ = self.begun.shape
         later = np.empty((n, steps, ny))
         now = np.vstack([held, np.ones((1, n)), np.zeros((1, n))]).T
         for k in reversed(range(steps)):
             later[:, k] = now
             now = (now[:, None] @ self.across[:, k])[:, 0]
+        return later
+
+    def between(self, held: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return y and its multipliers (ny, n s) at nodes (s,) between 0 and 1 of every interval,
+        one interval after the other: one step from the last before it, and back from the next.
+        """
+        motion, (n, steps, ny) = self.motion, self.before.shape
+        last = np.minimum((nodes * steps).astype(int), steps - 1)
+        step = self.each.reshape(n, steps)[:, last]
+        way = (step * (nodes * steps - last)).reshape(1, -1)
+        y = self.before[:, last].reshape(-1, ny).T
+        at = motion.through(y[:-2], y[-1], way, self.p[:, 0])[1]
+        at[-2] += y[-2]
+        slopes, rest = np.zeros((at.shape[1], ny * (ny + len(self.p)))), step.reshape(1, -1) - way
+        others = [rest[:, :, None], self.p[:, 0], motion.u]
+        *_, across = repeated(motion.flow.varied, [at.T, slopes], others, 1)
+        later = self.returned(held)[:, last].reshape(-1, ny, 1)
+        return at, (across.reshape(-1, ny, ny) @ later)[:, :, 0].T
+
+    def bent(self, held: np.ndarray) -> np.ndarray:
+        """Return the Hessians (n, nz + 2 + np,) twice, by the same, of the running cost and z times
+        multipliers held (nz, n).
+        """
+        n, steps, ny, count = self.begun.shape
+        later = self.returned(held)
         y, multipliers = (each.reshape(-1, ny).T for each in (self.before, later))
         motion = self.motion
         (found,) = numbers(motion.flow.curved, y, self.each, self.p, motion.u, multipliers)

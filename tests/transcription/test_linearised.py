@@ -55,22 +55,22 @@ def test_slopes_and_curvatures_are_those_of_differences() -> None:
             assert slope == pytest.approx(difference, rel=1e-8, abs=1e-9)
 
 
-def test_multipliers_go_back_by_the_slopes_of_the_motion() -> None:
-    known = shooting()
-    motion, steps = known.motions[0], 3
+def test_states_and_multipliers_between_the_ends_of_intervals() -> None:
+    """Multipliers times changes stay what they are: from a node on, the slopes of the rest tell."""
+    motion, nodes = shooting().motions[0], np.array([0.0, 0.4, 1.0])
     random = np.random.default_rng(1)
-    z, t, h, p = random.normal(size=(2, 4)), np.arange(4.0), np.full(4, 0.3), np.array([0.7])
-    sweep = motion.sweep([z, t[None, :], h[None, :], p[:, None]], steps)
-    each = np.tile(h / steps, (steps, 1))
-    way, held = motion.through(z, t, each, p), random.normal(size=(4, 4))
-    assert way[-1, :-1] == pytest.approx(sweep.ends.T, rel=1e-14)
-    held[-1] = 0.0  # what the last time counts, which is no end of the sweep
-    back = motion.returned(held, way[:-1], each, p)
-    assert np.array_equal(back[-1], held)
-    wanted = np.einsum("rn,nrz->zn", held[:3], sweep.slopes[:, :, :2])
-    assert back[0, :2] == pytest.approx(wanted, rel=1e-12)
-    rest = motion.returned(held, way[1:-1], each[1:], p)
-    assert np.array_equal(rest, back[1:])
+    z, t, h, p = random.normal(size=(2, 4)), np.arange(4.0), np.full(4, 0.3), np.array([[0.7]])
+    sweep, held = motion.sweep([z, t[None, :], h[None, :], p], 3), random.normal(size=(2, 4))
+    y, back = (each.reshape(4, 4, 3) for each in sweep.between(held, nodes))
+    assert y[:2, :, 0] == pytest.approx(z, rel=1e-14)
+    assert y[:3, :, 2] == pytest.approx(sweep.ends.T, rel=1e-14, abs=1e-14)
+    assert y[3] == pytest.approx(t[:, None] + h[:, None] * nodes, rel=1e-14)
+    assert back[:2, :, 2] == pytest.approx(held, rel=1e-14)
+    for k, node in enumerate(nodes[:2]):
+        rest = motion.sweep([y[:2, :, k], y[3:, :, k], ((1 - node) * h)[None, :], p], 6)
+        counted = np.vstack([held, np.ones(4)])
+        wanted = np.einsum("rn,nrz->zn", counted, rest.slopes[:, :, :2])
+        assert back[:2, :, k] == pytest.approx(wanted, rel=1e-10)
 
 
 def test_arcs_of_one_law_share_their_functions() -> None:

@@ -173,6 +173,29 @@ def test_a_singular_arc_in_closed_form() -> None:
     assert found.limits[0].endswith("an impulse where a singular arc ends costs nothing")
 
 
+@pytest.mark.parametrize("coupling", [0.0, 1.0])
+def test_a_singular_arc_beside_a_boundary_arc(coupling: float) -> None:
+    """Integral of x^2 - y with x' = u, y' = v + c u and y <= 1: v keeps y at 1 whatever u does, so
+    that w costs what it does without y. With c, the law along the boundary is another with u free.
+    """
+    x, y = states("x y")
+    u, v = controls("u v")
+    problem = Problem(
+        name="beside",
+        running=x**2 - y,
+        dynamics={x: u, y: v + coupling * u},
+        bounds={u: (-1, 1), v: (-3, 3), y: (-5, 1)},
+        start={x: 1, y: 0.5},
+        final_time=2,
+    )
+    first = 0.5 / (3.0 - coupling)
+    found = ordered(problem, along(problem, "u: - - s; v: + b b", [first, 1.0 - first, 1.0]))
+    assert found.kind is Minimum.WORD
+    assert found.singular is not None
+    assert found.singular.least == pytest.approx(64.0, rel=1e-9)
+    assert "boundary arcs kept, is positive definite" in found.limits[1]
+
+
 @pytest.mark.parametrize(("horizon", "positive"), [(1.2, True), (1.5, True), (1.65, False)])
 def test_a_conjugate_point_on_a_singular_arc(horizon: float, positive: bool) -> None:
     """Integral of x^2 - y^2 with y' = x, x' = u from rest: at rest all is singular, and with w for

@@ -1,23 +1,50 @@
-"""Linear motions by the method of Gauss, many at once."""
+"""Linear motions and quadratic forms on pieces of them by the method of Gauss, many at once."""
 
 from functools import cache
 
 import numpy as np
 
+Rule = tuple[np.ndarray, np.ndarray, np.ndarray]
+
 
 def stages(
-    A: np.ndarray, driven: np.ndarray, y: np.ndarray, rule: tuple[float, np.ndarray, np.ndarray]
+    A: np.ndarray, driven: np.ndarray, y: np.ndarray, rule: Rule
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return solutions of xi' = A xi + driven at the Gauss points (s, ny, k) and at the end
-    (ny, k), from y (ny, k); `rule` is the step with weights (s,) and matrix (s, s).
+    """Return solutions of xi' = A xi + driven on n pieces at their Gauss points (n, s, ny, k) and
+    ends (n, ny, k), from y (ny, k) each; `rule` holds the steps (n,), weights (s,) and the matrix
+    (s, s).
     """
     step, weights, matrix = rule
-    count, ny = A.shape[:2]
-    left = np.eye(count * ny) - step * np.einsum("ij,jab->iajb", matrix, A).reshape(count * ny, -1)
-    right = y[None] + step * np.einsum("ij,jak->iak", matrix, driven)
-    inside = np.linalg.solve(left, right.reshape(count * ny, -1)).reshape(right.shape)
-    slopes = np.einsum("jab,jbk->jak", A, inside) + driven
-    return inside, y + step * np.einsum("j,jak->ak", weights, slopes)
+    n, count, ny = A.shape[:3]
+    each, rows = step[:, None, None, None], count * ny
+    left = np.eye(rows) - each[:, 0] * np.einsum("ij,njab->niajb", matrix, A).reshape(n, rows, rows)
+    right = y + each * np.einsum("ij,njak->niak", matrix, driven)
+    inside = np.linalg.solve(left, right.reshape(n, rows, -1)).reshape(right.shape)
+    return inside, y + each[:, 0] * np.einsum("j,njak->nak", weights, A @ inside + driven)
+
+
+def pieces(
+    at: dict[str, np.ndarray], size: np.ndarray, rule: Rule
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where y ends (n, ny, c) on n pieces and what it costs (n, c, c), as functions of y
+    where they begin and of the values of w at the Gauss points, measured in `size` (n, s, m), point
+    by point; `at` holds the coefficients (n, s, ..) of the second variation by name.
+    """
+    (n, count, m), ny = size.shape, at["A"].shape[2]
+    own = ny + np.arange(count * m).reshape(count, m)
+    driven = np.zeros((n, count, ny, ny + own.size))
+    entries = (at["B1"] * size[:, :, None]).transpose(1, 3, 0, 2)
+    driven[:, np.arange(count)[:, None], :, own] = entries
+    xi, ends = stages(at["A"], driven, np.eye(ny, ny + own.size), rule)
+    measure = (rule[0][:, None] * rule[1])[:, :, None, None]
+    rows = n, count * ny, -1
+    form = xi.reshape(rows).swapaxes(1, 2) @ (measure * (at["Q"] @ xi)).reshape(rows)
+    mixed = (measure * size[..., None] * (at["M"] @ xi)).reshape(n, own.size, xi.shape[3])
+    form[:, ny:] += mixed
+    form[:, :, ny:] += mixed.swapaxes(1, 2)
+    bent = measure * size[:, :, :, None] * size[:, :, None] * at["R"]
+    form[:, own[:, :, None], own[:, None]] += bent
+    return ends, form
 
 
 @cache
@@ -30,3 +57,17 @@ def gauss(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     powers = np.vander(nodes, count, increasing=True)
     integrals = nodes[:, None] * powers / np.arange(1, count + 1)
     return nodes, weights, np.linalg.solve(powers.T, integrals.T).T
+
+
+@cache
+def halved(count: int) -> np.ndarray:
+    """Return the values (2 s, s) at the Gauss points of both halves of a piece of the polynomials
+    that are its own values at its s Gauss points, all times the roots of their weights: its columns
+    are orthonormal.
+    """
+    nodes, weights, _ = gauss(count)
+    both = np.concatenate([0.5 * nodes, 0.5 + 0.5 * nodes])
+    powers = (np.vander(each, count, increasing=True) for each in (nodes, both))
+    roots = np.sqrt(np.tile(0.5 * weights, 2)[:, None] / weights)
+    basis, wanted = powers
+    return np.array(roots * np.linalg.solve(basis.T, wanted.T).T)

@@ -22,7 +22,7 @@ from typing import final
 import casadi
 import numpy as np
 
-from socp.model import Expr, Problem, numbers, of_motion, once, parameters_of, time
+from socp.model import Problem, numbers, of_motion, parameters_of, time
 from socp.transcription import Phase, Shooting, once_along
 from socp.verdict.minimum.induced import Induced
 
@@ -39,45 +39,19 @@ class Reference:
 
 
 def reference(known: Induced, k: int, nodes: np.ndarray) -> Reference:
-    """Return the extremal at nodes (s,), in order and between 0 and 1, of every interval of phase
-    k, one interval after the other.
+    """Return the extremal at nodes (s,) between 0 and 1 of every interval of phase k, one interval
+    after the other.
 
     The costate is that of the induced problem: the multiplier of the interval's end, carried back
-    by the slopes of the motion. Both go from node to node, with steps as long as those of the word.
+    by the slopes of the motion. Both begin where the steps do that the word's conditions take.
     """
     shooting = known.conditions.shooting
     problem, nx = shooting.phased.of, shooting.phased.of.x.numel()
-    (begins, z), p = _corners(known, k), parameters_of(problem, shooting.solution)
-    t = begins[:-1] + nodes[:, None] * np.diff(begins)
-    gaps = np.diff(np.vstack([begins[:-1], t, begins[1:]]), axis=0)
-    steps = int(np.ceil(np.diff([0.0, *nodes, 1.0]).max() * shooting.steps[k]))
-    motion, h = shooting.motions[k], np.repeat(gaps / steps, steps, axis=0)
-    way = motion.through(z[:, :-1], begins[:-1], h, p)
-    at = _joined(way[steps:-1:steps, :-2])
-    count = z.shape[1] - 1
-    ended = known.held[shooting.blocks[k].equations].T
-    held = np.vstack([ended, np.ones(count), np.zeros(count)])
-    costates = motion.returned(held, way[steps:-1], h[steps:], p)[:-1:steps, :nx]
-    times = t.T.ravel()
-    (u,) = numbers(motion.control, at[:nx], at[nx:], times, p)
-    return Reference(times, at[:nx], u, _joined(costates))
-
-
-def _joined(values: np.ndarray) -> np.ndarray:
-    """Return values (nodes, rows, m) of m intervals as (rows, m nodes), an interval after the
-    other.
-    """
-    return values.transpose(1, 2, 0).reshape(values.shape[1], -1)
-
-
-@once
-def _corners(known: Induced, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times (m + 1,) between the intervals of a phase, and the values (nz, m + 1)
-    there.
-    """
-    shooting = known.conditions.shooting
-    corners, _, z = shooting.split(known.at)
-    return corners[k] + known.at[1 + k] * shooting.blocks[k].shares, z[k]
+    sweep = known.conditions.linearised(known.at).sweeps[k]
+    y, multipliers = sweep.between(known.held[shooting.blocks[k].equations].T, nodes)
+    given = y[:nx], y[nx:-2], y[-1], parameters_of(problem, shooting.solution)
+    (u,) = numbers(shooting.motions[k].control, *given)
+    return Reference(y[-1], y[:nx], u, multipliers[:nx])
 
 
 NAMES = ("A", "Q", "B", "B1", "M", "R", "N", "NB")
@@ -87,22 +61,26 @@ NAMES = ("A", "Q", "B", "B1", "M", "R", "N", "NB")
 @dataclass(frozen=True, eq=False)
 class Quadratic:
     """The coefficients of the second variation of a phase as a function of its reference; `free`
-    are the places of the singular controls.
+    are the places of the controls that may be singular, those that its law leaves free.
     """
 
     problem: Problem
     phase: Phase
     free: tuple[int, ...]
 
-    def at(self, along: Reference, p: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the coefficients by name, each (n, rows, columns)."""
-        v, count = along.u[list(self.free)], along.t.size
-        found = numbers(self._function, along.x, v, along.costate, along.t[None, :], p)
-        names = NAMES if self.free else NAMES[:2]
-        return {
-            name: each.reshape(each.shape[0], count, -1).transpose(1, 0, 2)
-            for name, each in zip(names, found, strict=True)
-        }
+    def at(self, along: Reference, p: np.ndarray, places: tuple[int, ...]) -> dict[str, np.ndarray]:
+        """Return the coefficients by name, each (n, rows, columns), for singular controls at
+        `places`.
+        """
+        which = [self.free.index(place) for place in places]
+        count, found = along.t.size, dict[str, np.ndarray]()
+        given = along.x, along.u, along.costate, along.t[None, :], p
+        for name, each in zip(NAMES, numbers(self._function, *given), strict=True):
+            columns = self._function.size2_out(NAMES.index(name))
+            at = each.reshape(len(each), count, columns).transpose(1, 0, 2)
+            at = at[:, which] if name in {"M", "R", "N", "NB"} else at
+            found[name] = at[:, :, which] if name in {"B", "B1", "R", "NB"} else at
+        return found
 
     @cached_property
     def _function(self) -> casadi.Function:
@@ -112,32 +90,24 @@ class Quadratic:
         H = running + casadi.dot(problem.costate, rate)
         y = casadi.vertcat(problem.x, time, r, problem.p)
         motion = casadi.vertcat(r * rate, r, casadi.SX.zeros(1 + problem.p.numel()))
-
-        def derivative(expression: Expr) -> Expr:
-            """Along the extremal; what is differentiated does not depend on the control."""
-            entries = casadi.vec(expression)
-            found = (
-                casadi.jtimes(entries, problem.x, rate)
-                - casadi.jtimes(entries, problem.costate, casadi.gradient(H, problem.x))
-                + casadi.jtimes(entries, time, casadi.SX(1))
-            )
-            return casadi.reshape(found, *expression.shape)
-
         A = casadi.jacobian(motion, y)
         Q = casadi.hessian(r * H, y)[0]
-        found = [A, Q]
-        if self.free:
-            B = casadi.jacobian(motion, phase.free)
-            N = casadi.jacobian(casadi.gradient(r * H, phase.free), y)
-            NB = casadi.mtimes(N, B)
-            B1 = casadi.mtimes(A, B) - derivative(B)
-            M = casadi.mtimes(B.T, Q) - derivative(N) - casadi.mtimes(N, A)
-            bent = casadi.mtimes(N, B1)
-            R = casadi.mtimes([B.T, Q, B]) - bent - bent.T - derivative(NB)
-            found += [B, B1, M, R, N, NB]
-        at = [casadi.densify(casadi.substitute(each, r, 1)) for each in found]
-        given = [problem.x, phase.free, problem.costate, time, problem.p]
-        return casadi.Function("quadratic", given, at)
+        B = casadi.jacobian(motion, phase.free)
+        N = casadi.jacobian(casadi.gradient(r * H, phase.free), y)
+        # along the extremal; neither depends on a control
+        along = casadi.vertcat(problem.x, time, problem.costate)
+        by = casadi.vertcat(rate, 1, -casadi.gradient(H, problem.x))
+        both = casadi.jtimes(casadi.vec(casadi.horzcat(B, N.T)), along, by)
+        both = casadi.reshape(both, B.size1(), 2 * B.size2())
+        B_, N_ = both[:, : B.size2()], both[:, B.size2() :].T
+        NB = casadi.mtimes(N, B)
+        B1 = casadi.mtimes(A, B) - B_
+        M = casadi.mtimes(B.T, Q) - N_ - casadi.mtimes(N, A)
+        bent, NB_ = casadi.mtimes(N, B1), casadi.mtimes(N_, B) + casadi.mtimes(N, B_)
+        R = casadi.mtimes([B.T, Q, B]) - bent - bent.T - NB_
+        found = casadi.substitute([A, Q, B, B1, M, R, N, NB], [r], [casadi.SX(1)])
+        given = [problem.x, problem.u, problem.costate, time, problem.p]
+        return casadi.Function("quadratic", given, [casadi.densify(each) for each in found])
 
 
 @of_motion

@@ -1,0 +1,225 @@
+"""The second variation of a word with its singular controls free, as a matrix.
+
+Unknowns are the initial time, the lengths, parameters and initial states of the word, the
+primitive w of every singular control's variation, a polynomial on every piece of an interval, and
+its values h where it ends. A switch between a bang and a singular arc is no unknown of its own:
+moving it is a change of w up to higher order, and would make any form degenerate. Where one
+control's w ends and another's goes on, no term of both is left: N B is symmetric.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+
+from socp.model import TINY, Problem, numbers, parameters_of
+from socp.transcription import Shooting
+from socp.verdict.minimum.induced import WEAK, Induced
+from socp.verdict.minimum.stages import gauss, halved, pieces
+from socp.verdict.minimum.variation import Quadratic, reference, singular_places
+
+_NODES = 5  # Gauss points of a piece: the motion to order 10, and w of degree 4
+HALVINGS = 2  # of every interval of the mesh
+_PARTS = 2**HALVINGS
+# Of the largest entries: a value of w with none larger neither costs nor moves anything
+_IDLE = 1e-9
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Form:
+    """The quadratic form along a known extremal; columns are scaled to norm 1: times by the
+    horizon, w by the width of the control's box times the horizon. First come the variables of the
+    word, then the values h, then w: phase by phase, control by control.
+    """
+
+    problem: Problem
+    known: Induced
+    quadratics: tuple[Quadratic, ...]
+
+    @property
+    def shooting(self) -> Shooting:
+        """The shooting equations that it belongs to."""
+        return self.known.conditions.shooting
+
+    @cached_property
+    def places(self) -> list[tuple[int, ...]]:
+        """Of every phase the places of its singular controls."""
+        return singular_places(self.shooting)
+
+    @cached_property
+    def ends(self) -> list[tuple[int, ...]]:
+        """Of every phase the places of the controls whose w ends with it."""
+        following = [*self.places[1:], ()]
+        return [
+            tuple(place for place in here if place not in there)
+            for here, there in zip(self.places, following, strict=True)
+        ]
+
+    @cached_property
+    def base(self) -> np.ndarray:
+        """Sizes of the variables of the word: initial time, lengths, parameters, initial states."""
+        first = 1 + len(self.quadratics) + self.problem.p.numel()
+        return self.known.conditions.size[: first + self.problem.x.numel()]
+
+    @cached_property
+    def values(self) -> list[np.ndarray]:
+        """Of every phase the columns of its values h."""
+        parts = np.cumsum([0, *map(len, self.ends)])
+        return np.split(self.base.size + np.arange(parts[-1]), parts[1:-1])
+
+    @cached_property
+    def columns(self) -> list[np.ndarray]:
+        """Of every phase the columns of its w (m, n, s), at the Gauss points of n pieces."""
+        at, found = self.base.size + sum(map(len, self.ends)), []
+        for places, block in zip(self.places, self.shooting.blocks, strict=True):
+            shape = len(places), len(block.equations) * _PARTS, _NODES
+            found.append(at + np.arange(np.prod(shape, dtype=int)).reshape(shape))
+            at += found[-1].size
+        return found
+
+    @cached_property
+    def free(self) -> int:
+        """How many columns are those of w."""
+        return sum(each.size for each in self.columns)
+
+    @cached_property
+    def along(self) -> list[dict[str, np.ndarray]]:
+        """Of every phase the coefficients (n, s, rows, columns) on its n intervals: at both ends
+        and at the Gauss points of the pieces between them.
+        """
+        p = parameters_of(self.problem, self.shooting.solution)
+        inside = (np.arange(_PARTS)[:, None] + gauss(_NODES)[0]) / _PARTS
+        nodes, found = np.concatenate([[0.0], inside.ravel(), [1.0]]), []
+        for k, each in enumerate(self.quadratics):
+            at = each.at(reference(self.known, k, nodes), p, self.places[k])
+            count = len(self.shooting.blocks[k].equations)
+            found.append(
+                {name: e.reshape(count, nodes.size, *e.shape[1:]) for name, e in at.items()}
+            )
+        return found
+
+    def at_end(self, k: int, end: int) -> dict[str, np.ndarray]:
+        """Return the coefficients where phase k begins, 0, or ends, -1."""
+        return {name: each[end, end] for name, each in self.along[k].items()}
+
+    @cached_property
+    def _units(self) -> np.ndarray:
+        """What w of every control (nu,) is measured in."""
+        horizon = self.known.at[1 : 1 + len(self.quadratics)].sum()
+        return np.array(np.diff(self.problem.box, axis=0)[0] * horizon)
+
+    @cached_property
+    def laid(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The form of the motion (k, k), the change of the shooting variables (n, k) and times that
+        stay (j, k).
+        """
+        nx, count = self.problem.x.numel(), len(self.quadratics)
+        width = self.base.size + sum(map(len, self.ends)) + self.free
+        form, changed = np.zeros((width, width)), np.zeros((self.known.at.size, width))
+        inner = np.arange(1 + count + self.problem.p.numel())
+        changed[inner, inner] = self.base[inner]
+        y = np.zeros((nx + 2 + self.problem.p.numel(), width))
+        y[:nx, inner.size : self.base.size] = np.diag(self.base[inner.size :])
+        y[nx, 0] = self.base[0]
+        y[nx + 2 :, 1 + count : inner.size] = np.diag(self.base[1 + count : inner.size])
+        fixed = []
+        for k, block in enumerate(self.shooting.blocks):
+            y[nx + 1] = 0.0
+            y[nx + 1, 1 + k] = self.base[1 + k] / self.known.at[1 + k]
+            changed[block.variables[0, :nx]] = y[:nx]
+            y = self._through(k, y, form)
+            changed[block.variables[-1, :nx]] = y[:nx]
+            if k + 1 < count and self.places[k] != self.places[k + 1]:
+                fixed.append(y[nx] / self.base[0])
+        return form, changed, np.reshape(fixed, (len(fixed), width))
+
+    def _through(self, k: int, y: np.ndarray, form: np.ndarray) -> np.ndarray:
+        """Carry changes y (ny, k) through a phase and add what it costs to the form."""
+        _, weights, matrix = gauss(_NODES)
+        lengths = self.known.at[1 + k] * np.diff(self.shooting.blocks[k].shares)
+        steps = np.repeat(lengths / _PARTS, _PARTS)
+        at = {
+            name: each[:, 1:-1].reshape(steps.size, _NODES, *each.shape[2:])
+            for name, each in self.along[k].items()
+        }
+        roots = np.sqrt(self.base[0] / (steps[:, None] * weights))
+        size = roots[:, :, None] * self._units[list(self.places[k])]
+        ends, costs = pieces(at, size, (steps, weights, matrix))
+        own = self.columns[k].transpose(1, 2, 0).reshape(steps.size, -1)
+        entered, ny = np.empty((steps.size, *y.shape)), len(y)
+        for j, end in enumerate(ends):
+            entered[j] = y
+            y = end[:, :ny] @ y
+            y[:, own[j]] += end[:, ny:]
+        flat = entered.reshape(-1, len(form))
+        form += flat.T @ (costs[:, :ny, :ny] @ entered).reshape(flat.shape)
+        mixed = (costs[:, ny:, :ny] @ entered).reshape(own.size, len(form))
+        form[own.ravel()] += mixed
+        form[:, own.ravel()] += mixed.T
+        form[own[:, :, None], own[:, None]] += costs[:, ny:, ny:]
+        return self._ended(k, y, form) if self.ends[k] else y
+
+    def _ended(self, k: int, y: np.ndarray, form: np.ndarray) -> np.ndarray:
+        """Add what values h of w cost where they end, and put them into the states."""
+        at = self.at_end(k, -1)
+        which = [self.places[k].index(place) for place in self.ends[k]]
+        h = np.zeros((len(which), y.shape[1]))
+        h[np.arange(len(which)), self.values[k]] = self._units[list(self.ends[k])]
+        mixed = h.T @ at["N"][which] @ y
+        form += mixed + mixed.T + h.T @ at["NB"][np.ix_(which, which)] @ h
+        return np.array(y + at["B"][:, which] @ h)
+
+    @cached_property
+    def _kept(self) -> tuple[np.ndarray, np.ndarray]:
+        """The form (k, k) with what the ends add, and the conditions (r, k) on its columns."""
+        form, changed, fixed = self.laid
+        slopes, (_, chain), shooting = self.known.slopes, self.shooting.chain, self.shooting
+        carried = np.concatenate(
+            [each.variables[:, self.problem.x.numel() :].ravel() for each in shooting.blocks]
+        )
+        others = np.setdiff1d(np.arange(len(slopes)), chain)
+        others = others[~(slopes[np.ix_(others, carried)] != 0).any(axis=1)]
+        # of the equations that are none of the motion, those that are linear have no Hessian
+        held = np.where(np.isin(shooting.others, others), self.known.held[shooting.others], 0.0)
+        (at_ends,) = numbers(shooting.joined[1], self.known.at, held)
+        form = form + changed.T @ at_ends @ changed
+        size = np.abs(self.known.held)
+        weak = size[others] <= WEAK * size.max(initial=0.0)
+        others = others[(shooting.signs[others] == 0) | ~weak]
+        rows = np.vstack([slopes[others] @ changed, fixed])
+        return form, rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), TINY)
+
+    @cached_property
+    def idle(self) -> list[int]:
+        """The columns of values h that cost nothing and move no condition."""
+        form, rows = self._kept
+        h = np.concatenate([*self.values, []]).astype(int)
+        costs = np.abs(form[h]).max(axis=1, initial=0.0)
+        moves = np.abs(rows[:, h]).max(axis=0, initial=0.0)
+        largest = np.abs(np.diag(form)).max(initial=TINY)
+        found: list[int] = h[(costs <= _IDLE * largest) & (moves <= _IDLE)].tolist()
+        return found
+
+    @cached_property
+    def refined(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The form and its conditions without what is idle: with w on whole intervals first, and
+        then with one halving of all pieces after the other. Each is that of a subspace of the next.
+        """
+        form, rows = (np.delete(each, self.idle, axis=1) for each in self._kept)
+        found, first = [(np.delete(form, self.idle, axis=0), rows)], rows.shape[1] - self.free
+        for _ in range(HALVINGS):
+            form, rows = found[0]
+            form = _coarser(_coarser(form, first).T, first)
+            found.insert(0, (form, _coarser(rows, first)))
+        return found
+
+
+def _coarser(rows: np.ndarray, first: int) -> np.ndarray:
+    """Return rows (r, k), whose columns are values of w from the `first` on, by the values of w on
+    pieces twice as long.
+    """
+    count = (rows.shape[1] - first) // (2 * _NODES)
+    pairs = rows[:, first:].reshape(len(rows), count, 2 * _NODES) @ halved(_NODES)
+    return np.hstack([rows[:, :first], pairs.reshape(len(rows), count * _NODES)])
