@@ -34,7 +34,7 @@ from socp.transcription import (
     knot_times,
     residuals,
 )
-from socp.verdict.newton import AWAY, Conditions, Settled
+from socp.verdict.newton import AWAY, ROUNDED, Conditions, Settled
 
 # Of the states: steps are doubled until the motion changes by no more; rounding leaves some hundred
 # ulps
@@ -49,6 +49,11 @@ _STEPS = (
 )  # steps an interval; a motion that wants more is none of this method's
 # Times the step: next to a triple root, where a switching function is flat, Newton goes a third
 _THRICE = 3.0
+# Of the largest singular value of the equations' slopes: the square of one that is less is rounding
+# in Newton's matrix
+_STATIONARY = 1e-6
+# Of its largest entry: a Hessian with none larger along the directions asked for is none there
+_SAME = 1e-8
 # Of the largest multiplier: one of an inequality that is less than this below zero is rounding
 _SIGN = 1e-9
 
@@ -200,7 +205,10 @@ def _measured(conditions: Conditions, held: np.ndarray, pieces: list[int]) -> Ac
     rows = np.zeros((len(pieces) + 1, at.size))
     for row, last in zip(rows, accumulate(pieces, initial=0), strict=True):
         row[: last + 1] = 1.0
-    rounding = system.rounding(np.vstack([rows, gradient[None, :]]), held)
+    asked = np.vstack([rows, gradient[None, :]])
+    rounding = system.rounding(asked, held)
+    if system.deficient:
+        rounding = rounding + _by_curvature(conditions, asked)
     # along the step the conditions change to second order, and so does the Lagrangian, which is the
     # objective there
     left, there = residuals(shooting, at + moved)
@@ -209,6 +217,39 @@ def _measured(conditions: Conditions, held: np.ndarray, pieces: list[int]) -> Ac
     apart = _THRICE * abs(better - shooting.solution.objective) + rounding[-1]
     apart += abs(cost) * float(np.finfo(float).eps)
     return Accuracy(np.where(system.open(rows), np.inf, times), float(apart))
+
+
+def _by_curvature(conditions: Conditions, rows: np.ndarray) -> np.ndarray:
+    """Return how far linear functions `rows` (k, n) of the variables may be off where a combination
+    of the equations is stationary along the variables: (k,), infinite where none of these is at an
+    extreme.
+
+    So it is at an abnormal extremal, towards which multipliers grow without end: the directions
+    that keep the other equations are told by this one to second order alone, by the root of what is
+    left of it. In Newton's matrix its slope stands squared, below rounding, as where two equations
+    say the same; these have no curvature either.
+    """
+    shooting, at = conditions.shooting, conditions.shooting.start
+    here, size = conditions.linearised(at), conditions.size
+    slopes = here.slopes * size
+    to, values, by = np.linalg.svd(slopes)
+    told = int((values > _STATIONARY * values.max(initial=0.0)).sum())
+    kept, found = by[told:].T, list[np.ndarray]()
+    # the equations of the motion itself are those of steps without end
+    finer = shooting.in_steps(tuple(2 * each for each in shooting.steps))
+    left = np.stack([residuals(each, at)[0] for each in (shooting, finer)])
+    rounding, asked = ROUNDED * np.linalg.norm(slopes, axis=1), rows * size @ kept
+    straight = here.hessian(np.zeros(len(slopes)))
+    for each in to[:, told:].T:
+        bent = (here.hessian(each) - straight) * size[:, None] * size
+        values, vectors = np.linalg.eigh(kept.T @ bent @ kept)
+        if np.abs(values).max(initial=0.0) <= _SAME * np.abs(bent).max(initial=0.0):
+            continue
+        off = np.abs(left @ each).max() + np.abs(each) @ rounding
+        extreme = values.min() * values.max() > 0.0
+        apart = (asked @ vectors) ** 2 @ np.abs(2.0 * off / values) if extreme else np.inf
+        found.append(np.sqrt(apart) + np.zeros(len(rows)))
+    return np.min(found, axis=0) if found else np.zeros(len(rows))
 
 
 @of_motion

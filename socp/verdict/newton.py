@@ -20,7 +20,8 @@ _RANK = 1e-13
 _MOVES = 1e-6
 # Units in the last place of its terms: equations that are further apart contradict each other
 _CONTRADICTS = 64.0
-_ULPS = 4.0  # rounding of every entry of a condition, in units of its last place
+# Of the terms of a condition: rounding of every one, 4 units in its last place
+ROUNDED = 4.0 * float(np.finfo(float).eps)
 # Of the largest on the diagonal of a triangle: rows with less depend on one another, to rounding
 _DEPENDENT = 1e-10
 _NEWTON = 8  # steps: from a collocated solution two or three do
@@ -210,9 +211,7 @@ class System:
         """
         n, count = self.size.size, len(rows)
         sizes = np.concatenate([np.ones(n), np.abs(held)]) / self.d
-        off = (
-            _ULPS * np.finfo(float).eps * np.sqrt((self.matrix * sizes) ** 2 @ np.ones(sizes.size))
-        )
+        off = ROUNDED * np.sqrt((self.matrix * sizes) ** 2 @ np.ones(sizes.size))
         asked = np.hstack([rows * self.size, np.zeros((count, held.size))]) * self.d
         vectors = self._spectrum[1]
         moved = (asked @ vectors * self._inverted) @ vectors.T
