@@ -2,12 +2,15 @@
 
 import pytest
 from casadi import cos
+from saddles import along
 
-from socp import Problem, Solution, controls, run, states
+from socp import Problem, Solution, controls, final_time, run, states
 from socp.methods.guess import default_guess
+from socp.model.ladder.second_order import Minimum
 from socp.model.word import Mode
 from socp.registry.plugins import Registry
 from socp.verdict.lessons import left_open
+from socp.verdict.minimum.order import second_order
 
 s, v, angle = states("s v angle")
 thrust, turn = controls("thrust turn")
@@ -46,6 +49,39 @@ def test_turning_with_the_engine_off_is_as_good_an_extremal_as_any(coasting: Sol
     assert coasting.objective == pytest.approx(b - a, abs=1e-9)
     assert coasting.verdict is not None
     assert any("turn, stretch 3 (-) open" in note for note in coasting.verdict.notes)
+
+
+@pytest.mark.parametrize(
+    "text", ["thrust: - + + -; turn: - - s s", "thrust: - + + -; turn: - - s -"]
+)
+def test_no_minimum_is_strict_where_a_control_is_open(text: str) -> None:
+    """With the engine off any turn does: along the law of the arc before or at the switch that the
+    engine's is at, which may be moved alone.
+    """
+    found = second_order(COAST, along(COAST, text, [0.25, 0.75, 0.25, 2.75]))
+    assert found.word is not None
+    assert found.word.positive
+    assert found.kind is Minimum.DEGENERATE
+    (limit,) = found.limits
+    assert limit.startswith("the principle leaves turn, stretch ")
+
+
+def test_an_open_bang_from_end_to_end_has_no_switch_to_move() -> None:
+    """Of what has no effect at all there is one control of the word."""
+    x, y, idle = *states("x y"), controls("idle")
+    u = controls("u")
+    problem = Problem(
+        name="idle",
+        minimise=final_time,
+        dynamics={x: u, y: idle},
+        bounds={u: (-1, 1), idle: (0, 1)},
+        start={x: 1, y: 0},
+        end={x: 0},
+    )
+    found = second_order(problem, along(problem, "u: -; idle: -", [1.0]))
+    assert found.kind is Minimum.WORD
+    (limit,) = found.limits
+    assert limit == "the switching function of idle vanishes on stretch 1"
 
 
 def test_turning_out_of_the_way_with_the_engine_on_is_no_extremal(registry: Registry) -> None:

@@ -11,7 +11,7 @@ from socp.transcription import smooth
 from socp.verdict.minimum.descent import descents
 from socp.verdict.minimum.goh import singular_curvature
 from socp.verdict.minimum.induced import Pair, induced
-from socp.verdict.minimum.strictness import Switching, joint_switches, met
+from socp.verdict.minimum.strictness import Switching, joint_switches, left_to_choose, met
 
 # No assumption of these is that of a fixed horizon or of a problem without time: the second allows
 # both ends, and time in the dynamics
@@ -99,8 +99,13 @@ def _undecided(found: Curvature) -> str:
 def _minimum(
     problem: Problem, solution: Solution, known: tuple[Pair, Curvature], *, inside: bool
 ) -> SecondOrder:
-    """Return the claim for a word whose second variation is positive definite."""
+    """Return the claim for a word whose second variation is positive definite: a strict minimum,
+    unless a control of it may be another without a change.
+    """
     pair, found = known
+    if places := left_to_choose(problem, solution):
+        why = f"the principle leaves {'; '.join(places)} open: other controls do as well"
+        return SecondOrder(kind=Minimum.DEGENERATE, word=found, limits=(why,))
     claim = SecondOrder(kind=Minimum.WORD, word=found)
     kinds = {mode.kind for arc in solution.arcs for mode in arc.modes}
     limits = [*_common(problem, solution, pair)]

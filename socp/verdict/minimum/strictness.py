@@ -1,5 +1,5 @@
-"""What theorems ask of a switching function beyond its sign: no zeros but the switches, and a slope
-there.
+"""What strict minima ask of switching functions beyond their signs: no zeros but the switches, a
+slope there, and no control that the principle leaves open.
 """
 
 from dataclasses import dataclass
@@ -15,6 +15,8 @@ from socp.model import (
     EXTREMAL,
     TINY,
     Arc,
+    Mode,
+    Place,
     Problem,
     Solution,
     constraint_function,
@@ -22,6 +24,8 @@ from socp.model import (
     parameters_of,
     time,
 )
+from socp.verdict.conditions import stretches
+from socp.verdict.lessons import left_open
 
 # Points looked at in every interval: the least value of a touch stands out between two of them
 _LOOKS = 20
@@ -131,6 +135,28 @@ def met(problem: Problem, solution: Solution) -> list[str]:
         if values.max() >= -ACTIVE * max(float(np.ptp(values)), TINY):
             found.append(constraint.name)
     return found
+
+
+def left_to_choose(problem: Problem, solution: Solution) -> list[str]:
+    """Return the stretches of a judged solution on which other controls of the word do as well, by
+    name: those that the principle leaves open, but for bangs from end to end, which have no switch
+    to move.
+    """
+    verdict, middles = solution.verdict, tuple(float(a.t[[0, -1]].mean()) for a in solution.arcs)
+    rows = [stretches(solution, name, middles) for name in problem.control_names]
+    found: dict[Place, list[bool]] = {}
+    for arc, places in zip(solution.arcs, zip(*rows, strict=True), strict=True):
+        for i, place in enumerate(places):
+            kind, strict = arc.modes[i].kind, {} if verdict is None else verdict.margins
+            alone = len(solution.structure[problem.control_names[i]]) == 1
+            if kind == "singular" or not (kind == "boundary" or place in strict or alone):
+                found.setdefault(place, []).append(left_open(problem, i, arc.modes))
+    singular = Mode("singular")
+    return [
+        str(place)
+        for place, is_open in found.items()
+        if (any(is_open) if place.mode == singular else all(is_open))
+    ]
 
 
 def joint_switches(solution: Solution) -> list[float]:
