@@ -34,7 +34,7 @@ from socp.transcription import (
     knot_times,
     residuals,
 )
-from socp.verdict.newton import AWAY, ROUNDED, Conditions, Settled
+from socp.verdict.newton import AWAY, ULPS, Conditions, Settled
 
 # Of the states: steps are doubled until the motion changes by no more; rounding leaves some hundred
 # ulps
@@ -238,7 +238,7 @@ def _by_curvature(conditions: Conditions, rows: np.ndarray) -> np.ndarray:
     # the equations of the motion itself are those of steps without end
     finer = shooting.in_steps(tuple(2 * each for each in shooting.steps))
     left = np.stack([residuals(each, at)[0] for each in (shooting, finer)])
-    rounding, asked = ROUNDED * np.linalg.norm(slopes, axis=1), rows * size @ kept
+    rounding, asked = ULPS * np.linalg.norm(slopes, axis=1), rows * size @ kept
     straight = here.hessian(np.zeros(len(slopes)))
     for each in to[:, told:].T:
         bent = (here.hessian(each) - straight) * size[:, None] * size

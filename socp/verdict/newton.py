@@ -21,7 +21,7 @@ _MOVES = 1e-6
 # Units in the last place of its terms: equations that are further apart contradict each other
 _CONTRADICTS = 64.0
 # Of the terms of a condition: rounding of every one, 4 units in its last place
-ROUNDED = 4.0 * float(np.finfo(float).eps)
+ULPS = 4.0 * float(np.finfo(float).eps)
 # Of the largest on the diagonal of a triangle: rows with less depend on one another, to rounding
 _DEPENDENT = 1e-10
 _NEWTON = 8  # steps: from a collocated solution two or three do
@@ -153,8 +153,7 @@ class System:
     def _solved(self, given: np.ndarray) -> np.ndarray:
         if not np.isfinite(self.matrix).all():
             return np.full_like(given, np.nan)
-        # the spectrum is known anyway, and serves one right side after the other; what it leaves is
-        # solved for once more
+        # the inverse serves one right side after the other; what it leaves is solved for once more
         found = self._inverse(given)
         found = found + self._inverse(given - self.matrix @ found)
         allowed: np.ndarray | float = _SOLVED * max(np.abs(given).max(), TINY)
@@ -171,9 +170,16 @@ class System:
         )
 
     def _inverse(self, given: np.ndarray) -> np.ndarray:
+        """Return solutions (k, n + m) of right sides (k, n + m) or (n + m,), the shortest ones."""
+        if self._regular is not None:
+            return np.array(given @ self._regular)
         vectors = self._spectrum[1]
-        found: np.ndarray = vectors @ (self._inverted * (given @ vectors))
-        return found
+        return np.array((given @ vectors * self._inverted) @ vectors.T)
+
+    @cached_property
+    def _regular(self) -> np.ndarray | None:
+        """The inverse, None where an eigenvalue may be rounding: then the spectrum tells."""
+        return inverse(self.matrix, _RANK)
 
     @cached_property
     def _spectrum(self) -> tuple[np.ndarray, np.ndarray]:
@@ -189,13 +195,15 @@ class System:
     @property
     def deficient(self) -> bool:
         """Whether the conditions leave a direction of variables or multipliers open."""
-        return bool((self._inverted == 0.0).any())
+        return self._regular is None and bool((self._inverted == 0.0).any())
 
     def open(self, rows: np.ndarray) -> np.ndarray:
         """Return a mask (k,) of the linear functions `rows` (k, n) of the variables that the
         conditions leave open.
         """
         n = self.size.size
+        if self._regular is not None:
+            return np.zeros(len(rows), dtype=bool)
         directions = (self.d[:, None] * self._spectrum[1])[:, self._inverted == 0.0]
         directions = directions / np.maximum(np.abs(directions).max(axis=0, initial=0.0), TINY)
         moved = np.abs(rows * self.size @ directions[:n])
@@ -211,12 +219,22 @@ class System:
         """
         n, count = self.size.size, len(rows)
         sizes = np.concatenate([np.ones(n), np.abs(held)]) / self.d
-        off = ROUNDED * np.sqrt((self.matrix * sizes) ** 2 @ np.ones(sizes.size))
+        off = ULPS * np.sqrt((self.matrix * sizes) ** 2 @ np.ones(sizes.size))
         asked = np.hstack([rows * self.size, np.zeros((count, held.size))]) * self.d
-        vectors = self._spectrum[1]
-        moved = (asked @ vectors * self._inverted) @ vectors.T
-        found: np.ndarray = np.sqrt((moved * off) ** 2 @ np.ones(off.size))
+        found: np.ndarray = np.sqrt((self._inverse(asked) * off) ** 2 @ np.ones(off.size))
         return found
+
+
+def inverse(matrix: np.ndarray, rank: float) -> np.ndarray | None:
+    """Return the inverse of a matrix (k, k), None where its least singular value may be less than
+    `rank` times the largest: by the norms of Frobenius, which bound their ratio.
+    """
+    try:
+        found: np.ndarray = np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:
+        return None
+    apart = float(np.linalg.norm(matrix)) * float(np.linalg.norm(found))
+    return found if apart * rank < 1.0 else None
 
 
 @final
