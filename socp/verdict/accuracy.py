@@ -209,6 +209,8 @@ def _measured(conditions: Conditions, held: np.ndarray, pieces: list[int]) -> Ac
     rounding = system.rounding(asked, held)
     if system.deficient:
         rounding = rounding + _by_curvature(conditions, asked)
+        if not np.isfinite(rounding).all():
+            return None
     # along the step the conditions change to second order, and so does the Lagrangian, which is the
     # objective there
     left, there = residuals(shooting, at + moved)
