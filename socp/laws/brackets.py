@@ -3,7 +3,8 @@
 
 The Hamiltonian is H = [f', L] z, a switching function sigma_i = [g_i', L_ui] z, and z' = M(x, t, p,
 u) z on every arc, the multipliers of active state constraints included. The time derivative of a
-row is a row again: r' = r M + dr/dt.
+row is a row again: r' = r M + dr/dt. Costates that vanish all along have no place in a row: what
+they multiply tells nothing.
 """
 
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from typing import final
 
 import casadi
 
-from socp.model import Expr, Problem, final_time, initial_time, of_motion, once, time
+from socp.model import Expr, Problem, final_time, initial_time, of_motion, once, that_matter, time
 
 
 @final
@@ -55,7 +56,25 @@ def _open_matrix(problem: Problem) -> Expr:
     matrix = casadi.SX(n + 1, n + 1)
     matrix[:n, :n] = -casadi.jacobian(problem.rate, problem.x).T
     matrix[:n, n] = -casadi.gradient(problem.lagrangian, problem.x)
-    return matrix
+    return _heard(problem, matrix)
+
+
+def _heard(problem: Problem, rows: Expr) -> Expr:
+    """Return rows (m, nx + 1) without the costates that vanish all along: those of states that
+    nothing depends on, no end among it.
+    """
+    silent = _silent(problem)
+    if silent:
+        rows = casadi.SX(rows)
+        rows[:, silent] = 0
+    return rows
+
+
+@of_motion
+@once
+def _silent(problem: Problem) -> list[int]:
+    matter = that_matter(problem)
+    return [k for k, state in enumerate(casadi.vertsplit(problem.x)) if state not in matter]
 
 
 @of_motion
@@ -69,16 +88,14 @@ def extended_costate(problem: Problem) -> Expr:
 @once
 def switching_row(problem: Problem, i: int) -> Expr:
     """Return the row of sigma_i = dH/du_i."""
-    return casadi.horzcat(
-        problem.fields[:, i].T,
-        casadi.substitute(casadi.jacobian(problem.lagrangian, problem.u[i]), problem.u, 0),
-    )
+    cost = casadi.substitute(casadi.jacobian(problem.lagrangian, problem.u[i]), problem.u, 0)
+    return casadi.sparsify(_heard(problem, casadi.horzcat(problem.fields[:, i].T, cost)))
 
 
 def hamiltonian_row(problem: Problem, control: Expr) -> Expr:
     """Return the row of H under a control (nu, 1)."""
     row = casadi.horzcat(problem.rate.T, problem.lagrangian)
-    return casadi.substitute(row, problem.u, control)
+    return _heard(problem, casadi.substitute(row, problem.u, control))
 
 
 @once

@@ -4,6 +4,7 @@ from .calling import fast as fast
 from .calling import numbers as numbers
 from .calling import repeated as repeated
 from .checks import check_controls as check_controls
+from .checks import that_matter as that_matter
 from .data.carried import carried_problem as carried_problem
 from .data.carried import check_names as check_names
 from .data.carried import known_problem as known_problem

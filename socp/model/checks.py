@@ -252,21 +252,12 @@ def _acting(problem: "Problem") -> None:
             raise ProblemError(f"control '{name}' does nothing: {what}; leave it out")
 
 
-def check_controls(problem: "Problem") -> None:
-    """Raise ProblemError for a problem that cannot be solved for its controls: without any, or with
-    one for nothing.
+def that_matter(problem: "Problem") -> set[Expr]:
+    """Return the symbols that matter.
 
     What matters is the cost, a state with an end or a bound, and the conditions; what moves one of
-    these matters too. Of a control that moves nothing that matters any value is as good, and none
-    could be told right.
+    these matters too.
     """
-    place = f"problem '{problem.name}'"
-    if not problem.control_names:
-        what = (
-            "no control; a problem to solve has one at least: bounds={u: (lower, upper)}, u in a "
-            "rate or in running"
-        )
-        raise ProblemError(f"{place}: {what}")
     matters = [problem.lagrangian, problem.mayer]
     matters += [c.expression for c in problem.constraints] + [
         c.expression for c in problem.conditions
@@ -280,6 +271,23 @@ def check_controls(problem: "Problem") -> None:
             for state in known & {*problem.dynamics}
             for s in casadi.symvar(expression(problem.dynamics[state]))
         }
+    return seen
+
+
+def check_controls(problem: "Problem") -> None:
+    """Raise ProblemError for a problem that cannot be solved for its controls: without any, or with
+    one for nothing.
+
+    Of a control that moves nothing that matters any value is as good, and none could be told right.
+    """
+    place = f"problem '{problem.name}'"
+    if not problem.control_names:
+        what = (
+            "no control; a problem to solve has one at least: bounds={u: (lower, upper)}, u in a "
+            "rate or in running"
+        )
+        raise ProblemError(f"{place}: {what}")
+    seen = that_matter(problem)
     for control in casadi.vertsplit(problem.u):
         if control not in seen:
             what = (

@@ -9,6 +9,7 @@ from functools import cache, cached_property
 from typing import Any, final
 
 import casadi
+import numpy as np
 
 from socp.errors import ProblemError
 from socp.model.data.carried import known_problem
@@ -132,18 +133,25 @@ class Family:
         own = {n: s for n, s in self.open.items() if s in base.bounds and n in values}
         held = {f"bounds.{name}": (values[name],) * 2 for name in own}
         found = base.with_({**numbers, **held})
-        bounds = self._bounds(found)
+        kind = self._kind(found)
         near = base
-        if bounds != self._bounds(base):
-            near = lately(self, Family.at, bounds, lambda: found, _MEMBERS)
+        if kind != self._kind(base):
+            near = lately(self, Family.at, kind, lambda: found, _MEMBERS)
         if near is not found:
             hand_on(near, found)
         return found
 
-    def _bounds(self, problem: Problem) -> tuple[tuple[str, float, float], ...]:
-        """Return the bounds of a problem, by name, but for those of constants."""
+    def _kind(self, problem: Problem) -> tuple[tuple[str, float, float], ...]:
+        """Return what a problem's laws rest on beside its formulas, by name: its bounds, but for
+        those of constants, and which ends and times are free. What is free has a known costate, or
+        tells the Hamiltonian.
+        """
         own = set(self.open.values())
-        return tuple((s.name(), *interval(b)) for s, b in problem.bounds.items() if s not in own)
+        bounds = [(s.name(), *interval(b)) for s, b in problem.bounds.items() if s not in own]
+        boxes = zip(problem.state_names, problem.end_box.T, strict=True)
+        times = (("t0", problem.initial_time_box), ("tf", problem.final_time_box))
+        free = [(f"end.{name}", *map(float, np.isinf(box))) for name, box in (*boxes, *times)]
+        return (*bounds, *free)
 
     @property
     def closed(self) -> bool:
