@@ -31,7 +31,7 @@ def spans(setting: Setting, touch: Contact, rows: Sequence[Expr], more: Sequence
     )
     span = [row for row in rows if casadi.sparsify(row[:n]).nnz()] + setting.energy
     if not at.shape[1] or not span:
-        return False
+        return not any(casadi.sparsify(row).nnz() for row in more)
     fields = [hamiltonian_row(problem, casadi.SX.zeros(problem.u.numel(), 1))]
     fields += [switching_row(problem, i) for i in range(problem.u.numel())]
     held, wanted, moving, z = probes.evaluator(

@@ -15,6 +15,7 @@ from socp.transcription import (
     PhasedProblem,
     cut_arcs,
     cut_at_knots,
+    damping,
     follow,
     lgr,
     refined_meshes,
@@ -81,7 +82,7 @@ class Follower:
         problem = phased.of
         meshes = [
             uniform(lgr(self.points), self.intervals or count)
-            for count in _counts(guess, len(phased.phases))
+            for count in self._counts(phased, guess)
         ]
         solution = solve_collocated(phased, meshes, self.backend, guess, watch, longer=self.longer)
         if self.intervals or not sound(problem, solution):
@@ -89,6 +90,18 @@ class Follower:
         if self.dwell:  # a part of an arc may be shorter
             return self._refined(phased, solution, watch)
         return self._cut(phased, solution, watch)
+
+    def _counts(self, phased: PhasedProblem, guess: Solution) -> list[int]:
+        """Return how many intervals every arc starts with: one, or its share of those of a whole
+        horizon, more where they would let grow what decays.
+        """
+        if len(guess.arcs) != len(phased.phases):
+            return [1] * len(phased.phases)
+        lengths = [float(arc.t[-1] - arc.t[0]) for arc in guess.arcs]
+        shares = [math.ceil(_WHOLE * length / sum(lengths)) for length in lengths]
+        return [
+            max(pair) for pair in zip(shares, damping(phased.of, guess, self.points), strict=True)
+        ]
 
     def _cut(self, phased: PhasedProblem, solution: Solution, watch: Watch) -> Solution:
         """Solve on finer meshes with arcs cut where they have to be, as long as that shows more
@@ -137,16 +150,6 @@ class Follower:
             if not sound(problem, solution):
                 break
         return solution
-
-
-def _counts(guess: Solution, arcs: int) -> list[int]:
-    """Return how many intervals every arc starts with: one, or its share of those of a whole
-    horizon.
-    """
-    if len(guess.arcs) != arcs:
-        return [1] * arcs
-    lengths = [float(arc.t[-1] - arc.t[0]) for arc in guess.arcs]
-    return [max(1, math.ceil(_WHOLE * length / sum(lengths))) for length in lengths]
 
 
 def kept_in_box(

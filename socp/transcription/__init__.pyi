@@ -23,6 +23,7 @@ from .linearised import Linearised as Linearised
 from .linearised import residuals as residuals
 from .mesh import Mesh as Mesh
 from .mesh import Table as Table
+from .mesh import damping as damping
 from .mesh import refined_meshes as refined_meshes
 from .mesh import table as table
 from .mesh import tails as tails

@@ -1,11 +1,13 @@
 """Meshes of a phase: the schemes of its intervals joined into one table."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import accumulate
 from typing import final
 
+import casadi
 import numpy as np
 
 from socp.errors import MethodError
@@ -17,9 +19,12 @@ from socp.model import (
     evaluate,
     legendre_coefficients,
     objective_size,
+    of_motion,
+    once,
     parameters_of,
     running_function,
     scales,
+    time,
 )
 from socp.transcription.entries import Entries
 from socp.transcription.schemes import Scheme, Side, lgr
@@ -128,6 +133,10 @@ def _check(mesh: Mesh) -> None:
             )
 
 
+# Of the points squared: a rate of decay times an interval's length. What decays faster is damped
+# less than tenfold by collocation at n LGR points, and from about n^2 on it grows
+_DAMPED = 0.5
+_LOOKS = 4  # times in an arc at which its rates are looked at, of those between its ends
 _GROWTH = (
     4  # no more than four times the intervals at once: an estimate from a poor mesh exaggerates
 )
@@ -169,6 +178,37 @@ def unresolved(problem: Problem, solution: Solution) -> list[np.ndarray]:
         rates = tails(arc, np.vstack([running, arc.u / width])) * share
         found.append(np.maximum(tails(arc, arc.x / scale), np.nan_to_num(rates)))
     return found
+
+
+def damping(problem: Problem, solution: Solution, points: int) -> list[int]:
+    """Return, an arc at a time, how many intervals of as many LGR points as given it takes so that
+    what decays in the motion decays in its collocation, at most 64.
+
+    The left end of an interval is collocated, not the right one: with a polynomial of degree n the
+    amplification of x' = -a x is that of the Pade approximant of degrees n over n - 1 (Hairer,
+    Wanner, Solving ODEs II, IV.3), which leaves the unit disc where a h is some n^2.
+    """
+    slopes, p, found = _slopes(problem), parameters_of(problem, solution), []
+    for arc in solution.arcs:
+        t = np.linspace(arc.t[0], arc.t[-1], _LOOKS + 2)[1:-1]
+        (values,) = evaluate(slopes, arc.at(t), arc.at(t, "u"), t, p)
+        each = values.reshape(-1, t.size, values.shape[0]).transpose(1, 0, 2)
+        fastest = 0.0
+        if np.isfinite(each).all():
+            fastest = max(0.0, float(-np.linalg.eigvals(each).real.min()))
+        count = math.ceil(fastest * float(arc.t[-1] - arc.t[0]) / (_DAMPED * points**2))
+        found.append(min(max(count, 1), _CROWD))
+    return found
+
+
+@of_motion
+@once
+def _slopes(problem: Problem) -> casadi.Function:
+    """Return the slopes (nx, nx) of the rate in the states as a function of x, u, t, p."""
+    symbols = [problem.x, problem.u, time, problem.p]
+    return casadi.Function(
+        "slopes", symbols, [casadi.densify(casadi.jacobian(problem.rate, problem.x))]
+    )
 
 
 def refined_meshes(

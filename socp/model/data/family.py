@@ -148,10 +148,13 @@ class Family:
         """
         own = set(self.open.values())
         bounds = [(s.name(), *interval(b)) for s, b in problem.bounds.items() if s not in own]
-        boxes = zip(problem.state_names, problem.end_box.T, strict=True)
-        times = (("t0", problem.initial_time_box), ("tf", problem.final_time_box))
-        free = [(f"end.{name}", *map(float, np.isinf(box))) for name, box in (*boxes, *times)]
-        return (*bounds, *free)
+        ends = problem.end_box.T, problem.initial_time_box, problem.final_time_box
+        free = np.isinf(np.vstack(ends)).astype(float).tolist()
+        names = (*problem.state_names, "t0", "tf")
+        return (
+            *bounds,
+            *((f"end.{n}", low, high) for n, (low, high) in zip(names, free, strict=True)),
+        )
 
     @property
     def closed(self) -> bool:
