@@ -98,7 +98,8 @@ def fold(
         elif operation == casadi.OP_OUTPUT:
             found[out[1]] = work[into[0]]
         else:
-            work[out[0]] = of_operation(operation, *(work[register] for register in into))
+            value = of_operation(operation, *(work[register] for register in into))
+            work.update(dict.fromkeys(out, value))  # a table has its value and slopes at once
     return found
 
 

@@ -99,7 +99,11 @@ def _kinks(problem: Problem) -> casadi.Function:
 
 
 def build(operation: int, *arguments: Expr) -> Expr:
-    """Return what an operation, by casadi's number of it, makes of expressions."""
+    """Return what an operation, by casadi's number of it, makes of expressions; nan, of which
+    nothing is known, of the value of a table: it calls a function that is not told.
+    """
+    if operation == casadi.OP_CALL:
+        return casadi.SX.nan()
     return (casadi.SX.binary if len(arguments) == 2 else casadi.SX.unary)(operation, *arguments)
 
 
@@ -116,11 +120,13 @@ def kink(operation: int, *arguments: Expr) -> Expr | None:
 
 def decided(expression: Expr, at: float) -> Expr:
     """Return an expression (m, n) with every branch that depends on time alone taken as it is at a
-    time.
+    time; one that looks into a table as it is.
     """
     given = casadi.vertcat(*casadi.symvar(expression))
+    called: list[int] = []
 
     def built(operation: int, *arguments: Expr) -> Expr:
+        called.extend({operation} & {casadi.OP_CALL})
         turns = kink(operation, *arguments)
         if turns is None or not _of_time(turns):
             return build(operation, *arguments)
@@ -134,6 +140,8 @@ def decided(expression: Expr, at: float) -> Expr:
         return sign * first if operation == casadi.OP_FABS else casadi.SX(sign)
 
     parts = fold(casadi.vec(expression), given, given.__getitem__, casadi.SX, built)
+    if called:
+        return expression
     column = casadi.vertcat(*(casadi.SX(0) if each is None else each for each in parts))
     return casadi.reshape(column, *expression.shape)
 

@@ -1,0 +1,58 @@
+"""Tables of states: splines that expressions call."""
+
+import math
+
+import casadi
+import pytest
+
+from socp.model import controls, states, time
+from socp.model.problem import Problem
+from socp.registry import solve
+from socp.transcription.kinks import decided, kinks
+
+h, v, m, x = states("h v m x")
+thrust = controls("thrust")
+KNOTS = [2e3 * k for k in range(-5, 101)]
+DENSITY = [1.225 * math.exp(-k / 7400) for k in KNOTS]
+
+
+def table(degree: int) -> casadi.Function:
+    return casadi.interpolant("rho", "bspline", [KNOTS], DENSITY, {"degree": [degree]})
+
+
+def test_a_table_and_its_slopes_have_no_kink_and_do_not_stand_in_the_way_of_others() -> None:
+    rho = table(5)(h)
+    slope = casadi.jacobian(casadi.jacobian(rho, h), h)
+    given = casadi.vertcat(h, v)
+    assert kinks(casadi.vertcat(rho, slope), given).is_empty()
+    found = kinks(slope + casadi.fabs(v), given)
+    assert casadi.is_equal(found, v)
+
+
+def test_a_branch_in_time_beside_a_table_is_left_as_it_is() -> None:
+    rho = table(3)(h) * casadi.fabs(time - 3)
+    value = casadi.Function("f", [h, time], [decided(rho, 1.0)])(6000.0, 1.0)
+    assert float(value) == pytest.approx(2 * 1.225 * math.exp(-6000 / 7400), rel=1e-12)
+
+
+@pytest.mark.slow
+def test_a_rocket_through_air_from_a_table_flies_as_through_the_air_itself() -> None:
+    """Goddard's rocket, singular along the density's second derivative."""
+    rho = table(5)
+    gravity = 9.81 * (6371e3 / (6371e3 + h)) ** 2
+    own = Problem(
+        name="rocket",
+        minimise=-h,
+        dynamics={
+            h: v,
+            v: (thrust - 0.005 * rho(h) * v**2) / m - gravity,
+            m: -thrust / 2200,
+        },
+        bounds={thrust: (0, 6000), m: (40, None), h: (0, None)},
+        start={h: 0, v: 0, m: 150},
+        end={m: 40},
+    )
+    found = solve(own)
+    assert found.extremal
+    # with exp(-h / 7400) in place of the table, certified: 278430.0424
+    assert found.objective == pytest.approx(-278430.042, abs=0.01)
