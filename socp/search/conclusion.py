@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import final
 
+import casadi
+
 from socp.errors import SolveError
 from socp.methods import solve_collocated
 from socp.model import (
@@ -20,6 +22,7 @@ from socp.model import (
     Starts,
     Stop,
     Watch,
+    fold,
     silent,
 )
 from socp.process import overtime, seconds_left, time_limit
@@ -207,6 +210,8 @@ def explanation(problem: Problem, search: Search) -> str:
     if len(search.grids) > 1:
         tried += f", on grids of up to {max(search.grids)} steps"
     best = search.best
+    if search.backend.refused:
+        tried += f"; {search.backend.refused.rstrip('.')}{_few_slopes(problem)}"
     if best is None or best.verdict is None:
         return tried
     names = chattering(problem, best)
@@ -218,6 +223,24 @@ def explanation(problem: Problem, search: Search) -> str:
         )
     reasons = best.verdict.reasons
     return f"{tried}; the best one leaves: {reasons[0] if reasons else 'nothing'}"
+
+
+def _few_slopes(problem: Problem) -> str:
+    """Say what a table may lack where a programme cannot be set up; empty where there is none."""
+    called: list[int] = []
+    everything = casadi.vertcat(problem.rate, problem.lagrangian)
+    given = casadi.vertcat(*casadi.symvar(everything))
+
+    def note(operation: int, *_arguments: None) -> None:
+        called.extend({operation} & {casadi.OP_CALL})
+
+    fold(everything, given, lambda _place: None, lambda _number: None, note)
+    if not called:
+        return ""
+    return (
+        "; a table of the formula may lack slopes, as a spline has one more of them than its "
+        "degree and laws take up to six: write interpolant(.., {'degree': [5]})"
+    )
 
 
 def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -> Solution | None:

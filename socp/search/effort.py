@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import final
 
+from socp.errors import SolveError
 from socp.methods import Scouted
 from socp.model import (
     APPROXIMATE,
@@ -51,10 +52,14 @@ def along_words(
 @final
 @dataclass(eq=False)
 class Ration:
-    """A backend that stops when the work allowed in all, iterations times variables, is done."""
+    """A backend that stops when the work allowed in all, iterations times variables, is done.
+
+    `refused`: why the last programme that could not be set up was none, in its error's words.
+    """
 
     left: float = _WORK
     backend: Backend = field(default_factory=lambda: along_words(near=True))
+    refused: str = ""
 
     def __call__(self, nlp: NLP, guess: NLPPoint, watch: Watch = silent) -> NLPPoint:
         """Solve with as many iterations as are left; without any the point is the guess, at its
@@ -65,7 +70,11 @@ class Ration:
             return replace(
                 guess, stop=Stop.LIMIT, message="the work allowed for the search is done"
             )
-        point = self.backend.limited(most)(nlp, guess, watch)
+        try:
+            point = self.backend.limited(most)(nlp, guess, watch)
+        except SolveError as error:
+            self.refused = str(error)
+            raise
         self.left -= (point.iterations + _SETUP) * nlp.count
         return point
 
@@ -101,6 +110,7 @@ class Search:
         """Begin another round: with so much more work and so many more words, on grids of so many
         steps.
         """
+        backend.refused = self.backend.refused
         self.backend, self.words = backend, self.count + words
         self.solved, self.rounded = {}, False
         self.grids.append(steps)
