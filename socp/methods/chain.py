@@ -22,7 +22,7 @@ from socp.model import (
     Solution,
     Stop,
     Watch,
-    check_controls,
+    check_solvable,
     family_of,
     silent,
 )
@@ -42,7 +42,7 @@ def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent
     no solution of it.
     """
     check_options(method)
-    check_controls(problem)
+    check_solvable(problem)
     check_laws(problem)
     solved: list[tuple[Problem, Solution]] = []
     family = family_of(problem)

@@ -3,7 +3,7 @@ from .calling import evaluate as evaluate
 from .calling import fast as fast
 from .calling import numbers as numbers
 from .calling import repeated as repeated
-from .checks import check_controls as check_controls
+from .checks import check_solvable as check_solvable
 from .checks import that_matter as that_matter
 from .data.carried import carried_problem as carried_problem
 from .data.carried import check_names as check_names

@@ -25,6 +25,7 @@ from socp.model.symbols import (
     role,
     time,
 )
+from socp.model.tolerances import EXTREMAL
 from socp.process import a, plainly, shown
 
 if TYPE_CHECKING:
@@ -274,11 +275,22 @@ def that_matter(problem: "Problem") -> set[Expr]:
     return seen
 
 
-def check_controls(problem: "Problem") -> None:
-    """Raise ProblemError for a problem that cannot be solved for its controls: without any, or with
-    one for nothing.
+def check_solvable(problem: "Problem") -> None:
+    """Raise ProblemError for a problem that leaves nothing to solve for: without a control, with
+    one for nothing, or of least time where the start meets the end already.
+    """
+    _controlled(problem)
+    if _met_at_once(problem) and _least_time(problem):
+        raise ProblemError(
+            f"problem '{problem.name}': the start meets the end already, so the least final_time "
+            f"is initial_time {problem.initial_time_box[0]:g}, with no motion at all; change start "
+            "or end, or for a way that comes back give final_time a lower bound, (lower, None)"
+        )
 
-    Of a control that moves nothing that matters any value is as good, and none could be told right.
+
+def _controlled(problem: "Problem") -> None:
+    """Refuse a problem without controls, or with one for nothing: of a control that moves nothing
+    that matters any value is as good, and none could be told right.
     """
     place = f"problem '{problem.name}'"
     if not problem.control_names:
@@ -298,6 +310,45 @@ def check_controls(problem: "Problem") -> None:
                 f"{place}: control '{control}' does nothing: {what}; any value is as good; leave "
                 "it out"
             )
+
+
+def _met_at_once(problem: "Problem") -> bool:
+    """Tell whether the final time may be the initial one, which is given, and a point meets the
+    conditions of both ends: any point of their boxes where there are no others, the one point that
+    is given where there are.
+    """
+    (t0, latest), (earliest, _) = problem.initial_time_box, problem.final_time_box
+    boxes = problem.start_box, problem.end_box, problem.state_box
+    low, high = np.max([b[0] for b in boxes], axis=0), np.min([b[1] for b in boxes], axis=0)
+    if not (t0 == latest and earliest <= t0 and (low <= high).all()):
+        return False
+    rows = [(c.expression, c.equation) for c in problem.conditions]
+    rows += [(c.expression, False) for c in problem.constraints if c.name in problem.path]
+    if (low < high).any() or not rows:
+        return not rows
+    ends = [*(initial(state) for state in problem.dynamics), *casadi.vertsplit(problem.x)]
+    given, values = column([*ends, *_TIMES, time]), casadi.DM([*low, *low, t0, t0, t0])
+    left = casadi.substitute(column(row for row, _ in rows), given, values)
+    if not left.is_constant():  # it holds parameters
+        return False
+    off, equations = casadi.DM(left).full().ravel(), np.array([equation for _, equation in rows])
+    return bool((np.where(equations, np.abs(off), off) <= EXTREMAL).all())
+
+
+def _least_time(problem: "Problem") -> bool:
+    """Tell whether every moment adds to the objective, by its form alone, whatever the states are:
+    the final time, or an integral of what controls in their box keep above zero.
+    """
+    times, zero = column(_TIMES), casadi.DM.zeros(problem.u.shape)
+    slopes = casadi.jacobian(problem.lagrangian, problem.u)
+    still = casadi.substitute(problem.lagrangian, problem.u, zero)
+    rates = casadi.vertcat(casadi.jacobian(problem.mayer, final_time) + still, slopes.T)
+    rates = casadi.simplify(casadi.densify(rates))
+    rest = casadi.substitute(problem.mayer, times, casadi.DM.zeros(times.shape))
+    if not (rest.is_constant() and rates.is_constant()):
+        return False
+    worth, *parts = casadi.DM(rates).full().ravel()
+    return bool(worth + (np.array(parts) * problem.box).min(axis=0).sum() > 0.0)
 
 
 def _acts(fields: Expr) -> np.ndarray:

@@ -61,9 +61,9 @@ class Scale:
         if near is None:
             return cls(time=1.0, x=np.ones(nx), p=np.ones(len(names)), cost=1.0, near=None)
         near = replace(near, parameters={name: near.parameters.get(name, 0.0) for name in names})
-        x = state_magnitudes(problem, near)
+        x, length = state_magnitudes(problem, near), near.final_time - near.initial_time
         return cls(
-            time=near.final_time - near.initial_time,
+            time=length if length > 0.0 else horizon(problem),  # one that has shrunk to none
             x=x,
             p=_widths(problem.parameter_box),
             cost=objective_size(problem, near, _shown(problem, near, x)) / _WEIGHT,

@@ -104,8 +104,31 @@ def test_after_a_search_over_words_comes_a_wider_one_and_never_a_circle(
     assert solve.make_context("solve", [*shlex.split(following), "rest.py"])
 
 
-def test_an_end_that_cannot_be_reached_in_time_is_tried_at_a_free_time(rough: Solution) -> None:
-    lost = revised(by_auto(rough, Verdict(miss=0.5, miss_at="x")), stop=Stop.INFEASIBLE)
+@pytest.mark.parametrize(
+    ("conditions", "following"),
+    [
+        ({"end": {"x": (0.0, 0.0)}}, "--set final_time=free"),
+        ({"target": {"x": 0}}, "--set final_time=free"),
+        ({}, "-o steps=400"),  # a longer horizon meets no more
+        ({"end": {"x": (0.0, 0.0)}, "final_time": (1.0, 4.0)}, "-o steps=400"),
+    ],
+)
+def test_an_end_that_cannot_be_reached_in_time_is_tried_at_a_free_time(
+    rough: Solution, conditions: dict[str, Any], following: str
+) -> None:
+    assert rough.statement is not None
+    stated = {**rough.statement, **conditions}
+    lost = by_auto(rough, Verdict(miss=0.5, miss_at="x"))
+    lost = revised(lost, stop=Stop.INFEASIBLE, statement=stated)
+    told = advice(lost, ["rest.py", "--set", "k=2"], "rest.socp.json")
+    assert told[2] == f"next: socp solve rest.py --set k=2 {following}"
+
+
+def test_a_final_time_that_was_set_is_set_free_alone(rough: Solution) -> None:
+    assert rough.statement is not None
+    lost = by_auto(rough, Verdict(miss=0.5, miss_at="x"))
+    stated = {**rough.statement, "end": {"x": (0.0, 0.0)}}
+    lost = revised(lost, stop=Stop.INFEASIBLE, statement=stated)
     told = advice(lost, ["rest.py", "--set", "final_time=1", "--set", "k=2"], "rest.socp.json")
     assert told[2] == "next: socp solve rest.py --set k=2 --set final_time=free"
 

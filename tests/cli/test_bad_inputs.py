@@ -27,6 +27,7 @@ from socp.errors import MethodError, ProblemError
 from socp.methods.chain import run
 from socp.methods.contract import check_options
 from socp.methods.guess import default_guess
+from socp.model.checks import check_solvable
 from socp.model.word import Word
 from socp.registry.plugins import Registry
 from socp.solvers.backends.ipopt import Ipopt
@@ -36,6 +37,7 @@ x, y, other = states("x y other")
 v, w = controls("v w")
 k = parameters("k")
 MISSING = object()
+MET = "the start meets the end already, so the least final_time is initial_time 0"
 
 
 class Evil:
@@ -413,6 +415,12 @@ def test_a_word_that_is_nonsense_is_refused(word: str, message: str) -> None:
             {"dynamics": {x: y, y: v, other: w}, "bounds": {v: (-1, 1), w: (-1, 1)}},
             "control 'w' does nothing: it moves",
         ),
+        ({"start": {x: 1}}, MET),
+        ({"start": {x: (0, 3)}, "end": {x: (2, 4)}}, MET),
+        ({"minimise": MISSING, "running": 2, "start": {x: 1}}, MET),
+        ({"minimise": MISSING, "running": 3 - 2 * v, "start": {x: 1}}, MET),
+        ({"end": {}, "target": {"round": x == initial(x), "slow": y <= 0}}, MET),
+        ({"start": {x: 1, y: 0}, "path": {"left": x + y <= 1}}, MET),
     ],
 )
 def test_a_problem_with_nothing_to_decide_is_not_solved(
@@ -422,6 +430,23 @@ def test_a_problem_with_nothing_to_decide_is_not_solved(
     with pytest.raises(ProblemError) as caught:
         run(registry.method("euler-ipopt")(steps=5), problem, default_guess(problem))
     assert str(caught.value).startswith(f"problem 'toy': {message}")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"start": {x: 1}, "final_time": (2, None)},
+        {"start": {x: 1}, "minimise": final_time - x},
+        {"start": {x: 1}, "minimise": MISSING, "running": 1 + v},
+        {"start": {x: (0, 1)}, "end": {x: (2, 4)}},
+        {"end": {}, "target": {"other": x == 1 + initial(x)}},
+        {"start": {x: 1, y: 0}, "path": {"left": x + y <= 0.5}},
+        {"start": {x: (0, 3), y: 0}, "end": {}, "target": {"right": x >= 1}},
+        {"start": {x: 1, y: 0}, "target": {"at": x >= k}, "bounds": {v: (-1, 1), k: (0, 3)}},
+    ],
+)
+def test_what_may_need_a_motion_is_not_taken_for_met_at_once(changes: Any) -> None:
+    check_solvable(Problem(**sound(**changes)))
 
 
 @pytest.mark.slow

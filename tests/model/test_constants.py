@@ -103,6 +103,14 @@ def test_numbers_are_set_by_name() -> None:
     assert POSED.with_({"initial_time.upper": 1.0}).initial_time == (0.25, 1.0)
 
 
+def test_a_side_that_is_free_has_no_bound() -> None:
+    bounded = POSED.with_({"bounds.x": (-1, 5), "start.v": 0.5})
+    assert bounded.with_({"bounds.x.upper": free}).state_box[:, 0].tolist() == [-1, np.inf]
+    assert bounded.with_({"bounds.x.lower": free}).state_box[:, 0].tolist() == [-np.inf, 5]
+    assert bounded.with_({"final_time.upper": free}).final_time_box == (1, np.inf)
+    assert bounded.with_({"start.v.lower": free}).start_box[:, 1].tolist() == [-np.inf, 0.5]
+
+
 def test_symbols_stand_for_their_names_and_arrays_for_intervals() -> None:
     assert POSED.with_({drag: 0.5}).constants["drag"].value == 0.5
     other = POSED.with_(bounds={a: np.array([-1.0, 2.0])})
@@ -133,6 +141,9 @@ def test_what_defines_no_problem_leaves_the_reference(beside: dict[str, Any]) ->
         ({"start.a": 1}, "start: 'a' is a control; a state goes here"),
         ({"title.x": 1}, "there is no 'title.x' to change; did you mean"),
         ({"formula": 1}, "there is no 'formula' to change"),
+        ({"bounds.q": 1}, "there is no 'bounds.q' to change; did you mean 'bounds."),
+        ({"bounds.x.upper": (1, 2)}, "bounds.x.upper: (1, 2) where a number, or free, is needed"),
+        ({"bounds.a.upper": free}, "bounds of 'a': (-2.0, inf); a control needs finite bounds"),
         ({"start": 3}, "start: 3 where a table {...: ...} is needed"),
         ({"start": {"w": 3}}, "start: there is no 'w'; there are"),
         ({"drag": "much"}, "constant 'drag': 'much' where a finite number is needed"),

@@ -71,9 +71,11 @@ def _spent(solution: "Solution") -> bool:
 
 
 def _timed(solution: "Solution") -> bool:
-    """Tell whether the final time of its problem is given."""
-    first, last = (solution.statement or {}).get("final_time", (None, None))
-    return first is not None and first == last
+    """Tell whether its problem asks for an end at a final time that is given."""
+    stated = solution.statement or {}
+    first, last = stated.get("final_time", (None, None))
+    asked = stated.get("end") or stated.get("target")
+    return bool(asked) and first is not None and first == last
 
 
 def _next(solution: "Solution", result: str) -> list[str]:

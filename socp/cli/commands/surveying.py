@@ -92,13 +92,13 @@ def census(session: Session, /, **given: Any) -> int:
     on where it was interrupted, and more starts add to the ones that are there.
     """
     from socp.methods import versions
-    from socp.model import check_controls
+    from socp.model import check_solvable
     from socp.study import Store, engine, fingerprint, recipe, survey
 
     session.quiet, starts = given["quiet"], given["starts"]
     named = Named(given["problem"], given["changes"])
     posed = load_posed(named.given, named.changes, session.registry(plugins=False))
-    check_controls(posed)
+    check_solvable(posed)
     path = writable(
         Path(given["out"]) if given["out"] else named_after(posed.name, ENDING, given["changes"])
     )
@@ -278,14 +278,14 @@ def frontier(session: Session, /, **given: Any) -> int:
     result.
     """
     from socp.methods import versions
-    from socp.model import check_controls
+    from socp.model import check_solvable
     from socp.study import best_by_switches as search
     from socp.study import explore
 
     session.quiet = given["quiet"]
     named = Named(given["problem"], given["changes"])
     posed = load_posed(named.given, named.changes, session.registry(plugins=False))
-    check_controls(posed)
+    check_solvable(posed)
     path = writable(
         Path(given["out"]) if given["out"] else named_after(posed.name, ENDING, given["changes"])
     )

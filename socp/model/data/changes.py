@@ -77,6 +77,9 @@ def _near(name: str, known: list[str]) -> str:
     """
     if name in {symbol.name() for symbol in symbols_of("constant")}:
         return ": it is a constant that the problem does not hold"
+    head, dot, _ = name.partition(".")
+    beside = [each for each in known if each.startswith(f"{head}.")] if dot else []
+    known = beside or known
     last = [each for each in known if each.endswith(f".{name}")]
     if last:
         return f"; did you mean '{last[0]}'?"
@@ -85,19 +88,26 @@ def _near(name: str, known: list[str]) -> str:
 
 def _placed(head: str, value: Any, rest: str, new: Any, symbols: Symbols) -> Any:
     """Return an argument with one entry of its table changed, or one side of an interval."""
+    place = f"{head}.{rest}"
     if head in TIMES and rest in SIDES:
-        return _sided(value, rest, new)
+        return _sided(place, value, rest, new)
     name, _, side = rest.rpartition(".")
     if head not in _INTERVALS or side not in SIDES:
         name, side = rest, ""
     if not isinstance(value, Mapping):
         raise KeyError(rest)
     key = _key(head, value, name, symbols)
-    return {**value, key: _sided(value.get(key, free), side, new) if side else new}
+    return {**value, key: _sided(place, value.get(key, free), side, new) if side else new}
 
 
-def _sided(interval: Any, side: str, value: Any) -> tuple[Any, Any]:
-    """Return an interval with one side changed; of a number both are that number."""
+def _sided(place: str, interval: Any, side: str, value: Any) -> tuple[Any, Any]:
+    """Return an interval with one side changed, to none where that is `free`; of a number both are
+    that number.
+    """
+    if isinstance(value, (tuple, list)):
+        if tuple(value) != free:
+            raise ProblemError(f"{place}: {shown(value)} where a number, or free, is needed")
+        value = None
     if isinstance(interval, np.ndarray) and interval.shape == (2,):
         interval = tuple(interval.tolist())
     low, high = interval if isinstance(interval, (tuple, list)) else (interval, interval)
