@@ -277,15 +277,16 @@ def that_matter(problem: "Problem") -> set[Expr]:
 
 def check_solvable(problem: "Problem") -> None:
     """Raise ProblemError for a problem that leaves nothing to solve for: without a control, with
-    one for nothing, or of least time where the start meets the end already.
+    one for nothing, or where the start meets the end already and no motion costs less than none.
     """
     _controlled(problem)
-    if _met_at_once(problem) and _least_time(problem):
-        raise ProblemError(
-            f"problem '{problem.name}': the start meets the end already, so the least final_time "
-            f"is initial_time {problem.initial_time_box[0]:g}, with no motion at all; change start "
-            "or end, or for a way that comes back give final_time a lower bound, (lower, None)"
+    if _met_at_once(problem) and _costing(problem):
+        what = (
+            "the start meets the end already, and no motion costs less than none, final_time = "
+            f"initial_time = {problem.initial_time_box[0]:g}; change start or end, or for a way "
+            "that comes back give final_time a lower bound, (lower, None)"
         )
+        raise ProblemError(f"problem '{problem.name}': {what}")
 
 
 def _controlled(problem: "Problem") -> None:
@@ -335,9 +336,9 @@ def _met_at_once(problem: "Problem") -> bool:
     return bool((np.where(equations, np.abs(off), off) <= EXTREMAL).all())
 
 
-def _least_time(problem: "Problem") -> bool:
-    """Tell whether every moment adds to the objective, by its form alone, whatever the states are:
-    the final time, or an integral of what controls in their box keep above zero.
+def _costing(problem: "Problem") -> bool:
+    """Tell whether no moment takes anything from the objective, by its form alone, whatever the
+    states are: the final time, or an integral that no control in its box makes negative.
     """
     times, zero = column(_TIMES), casadi.DM.zeros(problem.u.shape)
     slopes = casadi.jacobian(problem.lagrangian, problem.u)
@@ -348,7 +349,7 @@ def _least_time(problem: "Problem") -> bool:
     if not (rest.is_constant() and rates.is_constant()):
         return False
     worth, *parts = casadi.DM(rates).full().ravel()
-    return bool(worth + (np.array(parts) * problem.box).min(axis=0).sum() > 0.0)
+    return bool(worth + (np.array(parts) * problem.box).min(axis=0).sum() >= 0.0)
 
 
 def _acts(fields: Expr) -> np.ndarray:

@@ -37,7 +37,10 @@ x, y, other = states("x y other")
 v, w = controls("v w")
 k = parameters("k")
 MISSING = object()
-MET = "the start meets the end already, so the least final_time is initial_time 0"
+MET = (
+    "the start meets the end already, and no motion costs less than none, final_time = "
+    "initial_time = 0; change start"
+)
 
 
 class Evil:
@@ -418,7 +421,7 @@ def test_a_word_that_is_nonsense_is_refused(word: str, message: str) -> None:
         ({"start": {x: 1}}, MET),
         ({"start": {x: (0, 3)}, "end": {x: (2, 4)}}, MET),
         ({"minimise": MISSING, "running": 2, "start": {x: 1}}, MET),
-        ({"minimise": MISSING, "running": 3 - 2 * v, "start": {x: 1}}, MET),
+        ({"minimise": MISSING, "running": 1 - v, "start": {x: 1}}, MET),
         ({"end": {}, "target": {"round": x == initial(x), "slow": y <= 0}}, MET),
         ({"start": {x: 1, y: 0}, "path": {"left": x + y <= 1}}, MET),
     ],
@@ -437,7 +440,8 @@ def test_a_problem_with_nothing_to_decide_is_not_solved(
     [
         {"start": {x: 1}, "final_time": (2, None)},
         {"start": {x: 1}, "minimise": final_time - x},
-        {"start": {x: 1}, "minimise": MISSING, "running": 1 + v},
+        {"start": {x: 1}, "minimise": MISSING, "running": 0.9 + v},
+        {"start": {x: 1}, "minimise": MISSING, "running": x**2},
         {"start": {x: (0, 1)}, "end": {x: (2, 4)}},
         {"end": {}, "target": {"other": x == 1 + initial(x)}},
         {"start": {x: 1, y: 0}, "path": {"left": x + y <= 0.5}},
