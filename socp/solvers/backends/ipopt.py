@@ -27,6 +27,10 @@ _DEFAULTS: dict[str, Any] = {
     # Steps whose residual is small are as good as they need to be: to refine each of them once all
     # the same, as Ipopt does, takes a tenth of a small programme's time
     "min_refinement_steps": 0,
+    # MUMPS orders pivots once, in pairs that it matches by the first matrix's values: where the
+    # multipliers grow these fail, and the pivots that they delay fill the factors, so that one step
+    # of 1800 variables takes minutes, which no limit of time ends
+    "mumps_permuting_scaling": 0,
     "max_iter": 3000,
     "print_level": 0,
     "sb": "yes",
