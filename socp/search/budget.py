@@ -229,12 +229,12 @@ def _claiming(best: Solution, solved: Sequence[Solution]) -> list[Solution]:
 
 
 def _done(problem: Problem, search: Search) -> bool:
-    """Tell whether nothing is to be gained: a word is certified or chatters, or the search was
-    interrupted.
+    """Tell whether nothing is to be gained: a word is certified or chatters, all is told but
+    what no grid shows, or the search was interrupted.
     """
     best = search.best
     return best is not None and (
-        bool(best.extremal)
+        bool(best.extremal or search.told)
         or best.stop is Stop.INTERRUPTED
         or bool(best.structure and chattering(problem, best))
     )

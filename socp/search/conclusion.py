@@ -67,7 +67,7 @@ def conclude(
     certain = next((each for each in _exact(problem, solved[:2]) if each.extremal), None)
     if certain is not None:  # of the best start
         return certain
-    if best is not None and search.chatters:  # no finer grid comes as near as words do
+    if best is not None and (search.chatters or search.told):  # no finer grid comes as near
         solved = [each for each in solved if clearly(_verified(problem, each), best)]
     chosen, compared = foremost(problem, best, solved, watch, search.backend.backend)
     if chosen is None:
@@ -222,6 +222,11 @@ def explanation(problem: Problem, search: Search) -> str:
             "this word stands for infinitely many"
         )
     reasons = best.verdict.reasons
+    if search.told:
+        tried += (
+            "; one keeps every condition but for the sign along an arc too short to show it, which "
+            "no finer grid does either"
+        )
     return f"{tried}; the best one leaves: {reasons[0] if reasons else 'nothing'}"
 
 

@@ -33,6 +33,8 @@ ALIKE = 1e-3  # relative: objectives of one solution on two grids differ by as m
 FAR = 0.05
 # Times how far a re-integration is off: what that may be worth in the objective, relative as well
 _WORTH = 3.0
+# Of the horizon: an interval of the finest grid of all rounds is longer, and shows nothing of it
+_UNSEEN = 5e-4
 _TOLERANCE = 1e-11  # along words: what is certified should not be off by the solver's tolerance
 _ITERATIONS = 300  # a right word takes tens; a wrong one should not take thousands
 
@@ -88,7 +90,8 @@ class Search:
     `refine` goes on with it from one direct solution to the next. `grids`: steps of the grids of
     all rounds; `late`: whether the time allowed, `seconds`, ended it; `extremals`: all that were
     certified; `scouted`: what its coarse starts met; `better`: a feasible point that is clearly
-    better than the best, which is certified.
+    better than the best, which is certified; `unsigned`: the least objective of words that want
+    nothing but a sign along an arc too short to show it.
     """
 
     solved: dict[str, float] = field(default_factory=dict)
@@ -105,6 +108,7 @@ class Search:
     extremals: list[Solution] = field(default_factory=list)
     scouted: Scouted | None = None
     better: Solution | None = None
+    unsigned: float = math.inf
 
     def begin(self, backend: Ration, words: int, steps: int) -> None:
         """Begin another round: with so much more work and so many more words, on grids of so many
@@ -136,6 +140,8 @@ class Search:
         """Keep a judged word if it is the best; `other` remains the best of those that are not
         certified.
         """
+        if wants_sign(solution):
+            self.unsigned = min(self.unsigned, solution.objective)
         if solution.extremal:
             self.extremals.append(solution)
         elif self.other is None or precedes(solution, self.other):
@@ -168,9 +174,31 @@ class Search:
         return verdict.residual <= APPROXIMATE and verdict.miss <= FEASIBLE
 
     @property
+    def told(self) -> bool:
+        """Whether the best word's objective is that of one that wants nothing but a sign along an
+        arc too short to show it, for the finest grid as well.
+        """
+        best = self.best
+        return best is not None and self.unsigned - best.objective <= _BETTER * abs(best.objective)
+
+    @property
     def spent(self) -> bool:
         """Whether the time, the work or the number of words allowed is done."""
         return self.backend.left <= 0 or self.count >= self.words or seconds_left() <= 0.0
+
+
+def wants_sign(solution: Solution) -> bool:
+    """Tell whether nothing stands against a judged solution but the sign of switching functions
+    along stretches too short for any grid to show them.
+    """
+    verdict, horizon = solution.verdict, solution.final_time - solution.initial_time
+    if verdict is None or not verdict.findings:
+        return False
+    level = min(verdict.residual, EXTREMAL)
+    open_ = [place for place, margin in verdict.margins.items() if margin <= level]
+    rows = (solution.structure[str(each.control)][(each.stretch or 1) - 1] for each in open_)
+    short = all(end - start <= _UNSEEN * horizon for _, start, end in rows)
+    return bool(open_) and len(verdict.reasons) == len(open_) and short
 
 
 def node(word: str, solution: Solution | None) -> Node:

@@ -4,13 +4,17 @@ of the processor, of which a busy machine gives less, not more.
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from records import revised
 
-from socp import Problem, controls, default_guess, final_time, run, states
-from socp.model import Stop
+from socp import Problem, Solution, controls, default_guess, final_time, run, states
+from socp.model import Place, Stop
 from socp.registry import Registry
+from socp.search import Search
+from socp.search.effort import wants_sign
 
 x, v = states("x v")
 u = controls("u")
@@ -132,3 +136,66 @@ def test_a_way_of_many_turns_to_rest_is_found(start: tuple[float, float]) -> Non
     found = run(auto(seconds=3600.0), problem, default_guess(problem))
     assert found.extremal
     assert found.objective == pytest.approx(least_time(*start), rel=1e-9)
+
+
+# -- where no finer grid tells more
+
+
+@pytest.fixture(scope="module")
+def certified() -> Solution:
+    problem = oscillator(5, 2)
+    found = run(Registry.load().method("auto")(), problem, default_guess(problem))
+    assert found.extremal
+    return found
+
+
+def with_short(solution: Solution, length: float, margin: float) -> Solution:
+    """Return a solution whose first stretch is so long, as a share of the horizon, and shows its
+    sign by so much.
+    """
+    assert solution.verdict is not None
+    first, second, *others = solution.structure["u"]
+    end = length * solution.final_time
+    rows = ((first[0], 0.0, end), (second[0], end, second[2]), *others)
+    margins = {Place(control="u", stretch=1): margin}
+    verdict = replace(solution.verdict, margins=margins)
+    return revised(solution, verdict=verdict, structure={"u": rows})
+
+
+@pytest.mark.parametrize(
+    ("length", "margin", "wants"), [(1e-5, -1e-9, True), (1e-5, 0.1, False), (0.1, -1e-9, False)]
+)
+def test_a_sign_is_all_that_is_wanted_where_an_arc_is_too_short_to_show_it(
+    certified: Solution, length: float, margin: float, wants: bool
+) -> None:
+    assert wants_sign(with_short(certified, length, margin)) is wants
+
+
+def test_a_search_knows_that_its_best_word_is_all_that_can_be_told(certified: Solution) -> None:
+    assert certified.verdict is not None
+    best = revised(certified, verdict=replace(certified.verdict, drift=1e-4))
+    search = Search()
+    search.keep(best)
+    assert not search.told
+    search.keep(revised(with_short(certified, 1e-5, 0.0), objective=best.objective * 1.01))
+    assert not search.told
+    search.keep(with_short(certified, 1e-5, 0.0))
+    assert search.told
+
+
+@pytest.mark.slow
+def test_a_search_ends_where_the_first_arc_is_too_short_to_be_told() -> None:
+    """The vehicle from the place it has 1e-9 before its first switch."""
+    registry = Registry.load()
+    auto, problem = registry.method("auto")(seconds=3600.0), registry.problem("auv")
+    whole = run(auto, problem, default_guess(problem))
+    ends = whole.at(whole.junctions[:1] - 1e-9)[:, 0].tolist()
+    names = (f"start.{name}" for name in problem.state_names)
+    later = problem.with_(dict(zip(names, ends, strict=True)))
+    began = time.process_time()
+    found = run(auto, later, default_guess(later))
+    assert (
+        time.process_time() - began < 30.0
+    )  # one round; grids of others are up to 16 times as fine
+    assert found.extremal or "which no finer grid does either" in found.message
+    assert found.objective == pytest.approx(whole.objective - whole.junctions[0], rel=1e-9)
