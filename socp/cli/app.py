@@ -254,6 +254,7 @@ def _one_line_warnings(warn: Callable[[str], None]) -> Iterator[None]:
     """Show Python's warnings as one line each."""
 
     def show(message: Any, category: type[Warning], *_place: Any, **_more: Any) -> None:
+        """Show a warning in one line, without its place in a file."""
         warn(f"{category.__name__}: {message}")
 
     with warnings.catch_warnings():

@@ -60,6 +60,7 @@ def _environment() -> Mapping[str, str]:
     sizes = {"COLUMNS": _NARROW, "LINES": 1}
 
     def fits(name: str, value: str) -> bool:
+        """Tell whether a variable holds a size that a terminal may have, or is none of size."""
         return name not in sizes or (
             value.isascii() and value.isdigit() and sizes[name] <= int(value) < 10_000
         )

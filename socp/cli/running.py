@@ -81,6 +81,7 @@ def _strict(watch: "Watch") -> "Watch":
     from socp.model import Progress, silent
 
     def see(now: Any, /) -> bool:
+        """Pass progress on; ContractError for what is none."""
         if not isinstance(now, Progress):
             raise ContractError(f"it told its watch of {now!r:.60}, where a Progress is needed")
         for name, kind in {

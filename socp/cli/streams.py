@@ -161,6 +161,7 @@ def kept_apart(command: click.Command) -> click.Command:
 
     @wraps(callback)
     def call(*given: Any, **named: Any) -> Any:
+        """Call a function with what it prints kept apart."""
         streams = current()
         with (
             contextlib.nullcontext()

@@ -35,6 +35,7 @@ def once(
 
     @wraps(function)
     def kept(owner: Owner, /, *args: Given.args, **kwargs: Given.kwargs) -> Found:
+        """Return what is known for these arguments, computed where it is not."""
         known: dict[tuple[Any, ...], Found] = vars(owner).setdefault(place, {})
         key = (*map(_told, args), *kwargs.items()) if args or kwargs else ()
         if key not in known:

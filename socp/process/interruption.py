@@ -113,6 +113,7 @@ def requesting(stop: Callable[[], None]) -> Iterator[None]:
         return
 
     def request(number: int, _frame: FrameType | None) -> None:
+        """Ask the solver to stop, and note the signal where signals are listened to."""
         stop()
         if _HEARD.on:
             _HEARD.signals.append(number)

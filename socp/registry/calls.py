@@ -30,6 +30,7 @@ def invoke(act: Callable[..., T], *given: Any, **named: Any) -> T:
     raised: list[BaseException] = []
 
     def work() -> None:
+        """Call, and keep what is returned or raised."""
         try:
             answer.append(act(*given, **named))
         except BaseException as error:  # noqa: BLE001 - the caller is told of it, whatever it is

@@ -298,6 +298,7 @@ def _watched(method: Method, problem: Problem) -> Iterator[str]:
     solution: Any
 
     def stop(progress: Progress, /) -> bool:
+        """Keep what is told, and ask to stop."""
         called.append(progress)
         return True
 

@@ -81,6 +81,7 @@ def points(group: str) -> list[metadata.EntryPoint]:
     """
 
     def rank(point: metadata.EntryPoint) -> tuple[bool, str, str]:
+        """Order our own entries first, then by distribution and name."""
         distribution = _told(point.dist)[0].lower() if point.dist else ""
         return distribution != "socp", distribution, point.name
 

@@ -129,6 +129,7 @@ def _solvers(
     given |= {"print_time": False, "discrete": job["binary"], "jac_g": jacobian}
 
     def make(options: Mapping[str, float]) -> casadi.Function:
+        """Return the solver with options of Bonmin's own."""
         more = {f"bonmin.{name}": value for name, value in options.items()}
         return casadi.nlpsol("bonmin", "bonmin", programme, {**more, **given})
 
@@ -149,12 +150,15 @@ class _Spy(casadi.Callback):  # type: ignore[misc]
         self.construct("spy", {})
 
     def get_sparsity_in(self, _i: int) -> casadi.Sparsity:
+        """Return the shape of the variables."""
         return casadi.Sparsity.dense(self.function.size1_in(0), 1)
 
     def get_sparsity_out(self, _i: int) -> casadi.Sparsity:
+        """Return the shape of the variables."""
         return casadi.Sparsity.dense(self.function.size1_in(0), 1)
 
     def eval(self, given: Sequence[casadi.DM]) -> list[casadi.DM]:
+        """Tell of a point and return it."""
         self.show(np.array(given[0].full()).ravel())
         return [given[0]]
 

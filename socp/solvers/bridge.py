@@ -42,12 +42,15 @@ def register(solved: Callable[[Any], None]) -> None:
             return
 
         def available(self, exception_flag: bool = False) -> bool:  # noqa: ARG002 - Pyomo's call
+            """Tell Pyomo that the solver is there."""
             return True
 
         def license_is_valid(self) -> bool:
+            """Tell Pyomo that no licence is needed."""
             return True
 
         def version(self) -> tuple[int, ...]:
+            """Return the version of casadi, (major, minor, patch)."""
             return tuple(int(part) for part in casadi.__version__.split(".")[:3])
 
         def solve(self, model: Any, **_given: Any) -> Any:

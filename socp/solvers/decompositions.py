@@ -62,6 +62,7 @@ class Decomposition:
         load("pyomo", "mip", self.name)
 
         def prepared(folder: Path) -> dict[str, Any]:
+            """Write the model into a folder and return what the worker is told."""
             (folder / "model.py").write_text(self.script, encoding="utf-8")
             return {
                 "solver": self.name,

@@ -50,6 +50,7 @@ class Scip:
         load("pyscipopt", "mip", "SCIP")
 
         def prepared(folder: Path) -> dict[str, Any]:
+            """Write the programme into a folder and return what the worker is told."""
             model = pyomo_programme(nlp, starts[0].v, elementary=True)
             return {
                 "columns": write_nl(model, folder / "programme.nl"),
@@ -74,12 +75,14 @@ def work(job: Mapping[str, Any], tell: Tell) -> None:
     base = list(job["starts"][0])
 
     def values(solution: Any) -> list[float]:
+        """Return a solution's values by the programme's columns."""
         found = base.copy()  # variables that occur nowhere keep their start
         for place, column in enumerate(job["columns"]):
             found[column] = float(model.getSolVal(solution, by_place[place]))
         return found
 
     def bound() -> float:
+        """Return the bound proved so far, nan where there is none."""
         value = float(model.getDualbound())
         return value if abs(value) < model.infinity() else math.nan
 
@@ -87,11 +90,13 @@ def work(job: Mapping[str, Any], tell: Tell) -> None:
         """Tells of every better point, and of the bound whenever it has risen."""
 
         def eventinit(self) -> None:
+            """Ask to be told of better points and of solved nodes."""
             self.told = -math.inf
             self.model.catchEvent(pyscipopt.SCIP_EVENTTYPE.BESTSOLFOUND, self)
             self.model.catchEvent(pyscipopt.SCIP_EVENTTYPE.NODESOLVED, self)
 
         def eventexec(self, event: Any) -> None:
+            """Tell of a better point, or of a bound that has risen."""
             at = bound()
             now = {"bound": at, "nodes": int(self.model.getNNodes()), "status": "limit"}
             if event.getType() == pyscipopt.SCIP_EVENTTYPE.BESTSOLFOUND:

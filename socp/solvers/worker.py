@@ -31,6 +31,7 @@ def main(module: str, folder: str) -> None:
     with (Path(folder) / TOLD).open("w", encoding="utf-8", buffering=1) as file:
 
         def tell(record: Mapping[str, Any]) -> None:
+            """Write a record at once, as a line."""
             file.write(json.dumps(record) + "\n")
             file.flush()
 

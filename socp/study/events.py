@@ -151,6 +151,7 @@ def _located(walk: Walk, inside: Trial, outside: Trial) -> Zero | None:
             zeros += [] if there is None else [Zero(there, clue)]
 
     def steps(each: Zero) -> int:
+        """Return how many widths of an event a zero is away."""
         return round(abs(each.trial.value - inside.value) / (EVENT * abs(walk.width)))
 
     # of some as near a length, which is the first of all
@@ -162,6 +163,7 @@ def _zero(walk: Walk, clue: Clue, inside: Trial, outside: Trial) -> Trial | None
     known = {inside.value: inside, outside.value: outside}
 
     def height(value: float) -> float:
+        """Return the function of which a zero is looked for, at a value of the number."""
         if value not in known:
             whole = [each for each in known.values() if _whole(each.solution)]
             near = min(whole, key=lambda each: abs(each.value - value))

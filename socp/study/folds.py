@@ -112,6 +112,7 @@ class _Way:
 
     @property
     def span(self) -> float:
+        """Return the width of the walk."""
         return abs(self.walk.width)
 
     def left(self, at: np.ndarray, held: np.ndarray, value: float) -> np.ndarray:
@@ -277,6 +278,7 @@ def _turned(way: _Way, here: _Place, length: float) -> _Place:
     """Return the place within a step of the way at which the number turns back."""
 
     def slope(share: float) -> float:
+        """Return how fast the number changes along the way, at a share of the length."""
         there = here if share == 0.0 else way.ahead(here, share * length)
         return float(there.tangent[-1])
 

@@ -108,6 +108,7 @@ def _switching(problem: Problem, solution: Solution) -> Iterator[tuple[Clue, Mar
     for i, name in enumerate(problem.control_names):
 
         def sigma(arc: Arc, t: np.ndarray, i: int = i) -> np.ndarray:
+            """Return the switching function at times (n,) of an arc."""
             row: np.ndarray = evaluate(function, arc.at(t), arc.at(t, "costate"), t, p)[0][i]
             return row
 
@@ -163,6 +164,7 @@ def _constraints(problem: Problem, solution: Solution) -> Iterator[tuple[Clue, M
         function = constraint_function(problem, constraint)
 
         def slack(arc: Arc, t: np.ndarray, f: casadi.Function = function) -> np.ndarray:
+            """Return how far a constraint is from holding with equality at times (n,) of an arc."""
             row: np.ndarray = -evaluate(f, arc.at(t), t, p)[0].ravel()
             return row
 

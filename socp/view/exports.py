@@ -145,6 +145,7 @@ def table(solution: "Solution", problem: "Problem | None" = None) -> dict[str, n
     problem = problem or known_problem(solution)
 
     def add(name: str, values: np.ndarray) -> None:
+        """Add a column, under a name of its own."""
         while name in columns:
             name += "_"
         columns[name] = values
@@ -305,6 +306,7 @@ def _multipliers(solution: "Solution") -> dict[str, np.ndarray]:
     names = dict.fromkeys(name for arc in solution.arcs for name in arc.multipliers)
 
     def values(name: str) -> Iterator[np.ndarray]:
+        """Yield a multiplier arc by arc, nan where there is none."""
         for arc in solution.arcs:
             yield arc.multipliers.get(name, np.full(arc.t.size, np.nan))
 

@@ -101,6 +101,7 @@ def recording_watch(watch: "Watch", recorder: "Guarded") -> "Watch":
         return watch
 
     def see(now: "Progress", /) -> bool:
+        """Record an iterate, then ask the watch whether to stop."""
         recorder(now)
         return watch(now)
 

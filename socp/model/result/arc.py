@@ -131,6 +131,7 @@ def join(arcs: Sequence[Arc]) -> Arc:
     first = np.cumsum([0, *(arc.t.size - 1 for arc in arcs[:-1])])
 
     def row(values: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the arcs' values in a row, those of a joint once."""
         return np.concatenate([*(each[..., :-1] for each in values[:-1]), values[-1]], axis=-1)
 
     mesh = np.unique(
