@@ -208,7 +208,8 @@ class Auto(Method):
                 return start
             shown: list[Solution] = []
             for mesh in meshes(problem, self.steps):
-                direct = solve_directly(problem, mesh, backend, start, watch)
+                coarse = search.scouted.coarse.get(start) if search.scouted else None
+                direct = solve_directly(problem, mesh, backend, start, watch, coarse)
                 directs.append(direct)
                 if direct.stop is Stop.INTERRUPTED:
                     return search.best or direct

@@ -7,15 +7,24 @@ import math
 import numbers
 import time
 from collections.abc import Sequence
-from dataclasses import MISSING, Field, field, fields, replace
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from types import NoneType
-from typing import Any, ClassVar, get_args, get_type_hints
+from typing import Any, ClassVar, final, get_args, get_type_hints
 
 from socp.errors import MethodError
 from socp.model import Problem, Progress, Solution, Stop, Watch, is_number, silent
 from socp.process import close, one_thread, short, shown
-from socp.solvers import BACKENDS, NLP, Backend, NLPPoint, Reduced, Solver
-from socp.transcription import Mesh, PhasedProblem, collocate, single_phase
+from socp.solvers import BACKENDS, NLP, Backend, NLPPoint, Solver
+from socp.transcription import (
+    Layout,
+    Mesh,
+    PhasedProblem,
+    laid_out,
+    lift,
+    prolonged,
+    push,
+    single_phase,
+)
 
 LARGEST = 100_000  # steps, points or arcs: programmes of more do not fit into memory
 WANTED = {int: "a whole number", float: "a number", bool: "true or false", str: "a text"}  # by type
@@ -25,6 +34,7 @@ _LONGER = (
     5.0,
     12.0,
 )  # horizons tried, over the guessed one; the guess is of the right order of magnitude
+_EQUAL = 1e-9  # relative: intervals that differ by less do so by rounding
 
 
 class Method(abc.ABC):
@@ -148,7 +158,8 @@ def solve_collocated(
     and the horizon is set free there. Guess and solution are in the problem's units. Raises
     MethodError where the meshes do not fit the phases.
     """
-    solution = _attempt(phased, meshes, backend, guess, watch)
+    how = backend, watch
+    solution = _attempt(phased, meshes, how, guess)
     low, high = phased.of.final_time_box
     if not longer or solution.stop not in {Stop.INFEASIBLE, Stop.FAILED} or low == high:
         return solution
@@ -157,47 +168,83 @@ def solve_collocated(
         if not low <= held <= high:
             continue
         fixed = replace(phased, of=replace(phased.of, final_time=held))
-        met = _attempt(fixed, meshes, backend, guess, watch).after(solution)
+        met = _attempt(fixed, meshes, how, guess).after(solution)
         if met.stop is Stop.INTERRUPTED:
             return met
         if met.stop.ok:
-            again = _attempt(phased, meshes, backend, met, watch).after(met)
+            again = _attempt(phased, meshes, how, met).after(met)
             return again if again.stop.ok else solution
     return solution
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class Coarse:
+    """The point that a solution of free controls in one phase was lifted from, its mesh, and where
+    everything stands in its programme.
+    """
+
+    mesh: Mesh
+    layout: Layout
+    point: NLPPoint
+
+    def leads_to(self, mesh: Mesh) -> bool:
+        """Tell whether both meshes have equal intervals of one scheme: then multipliers go over."""
+        shares = [[share for share, _ in each] for each in (self.mesh, mesh)]
+        equal = all(max(each) - min(each) <= _EQUAL * max(each) for each in shares)
+        return equal and len({scheme for _, scheme in (*self.mesh, *mesh)}) == 1
+
+
 def solve_directly(
-    problem: Problem, mesh: Mesh, backend: Solver, guess: Solution, watch: Watch = silent
+    problem: Problem,
+    mesh: Mesh,
+    backend: Solver,
+    guess: Solution,
+    watch: Watch = silent,
+    coarse: Coarse | None = None,
 ) -> Solution:
     """Solve a problem in one phase of free controls as `solve_collocated` does; where that fails,
     with everything in the problem's own units: another way, where magnitudes lead nowhere.
+
+    `coarse`: what the guess was lifted from; from its multipliers a mesh of the same scheme is
+    solved first, in fewer iterations.
     """
-    phased = single_phase(problem)
+    phased, how = single_phase(problem), (backend, watch)
+    tried: Solution | None = None
+    if coarse is not None and coarse.leads_to(mesh):
+        tried = _attempt(phased, [mesh], how, guess, coarse=coarse)
+        if tried.stop.ok or tried.stop is Stop.INTERRUPTED:
+            return tried
     solution = solve_collocated(phased, [mesh], backend, guess, watch)
+    solution = solution if tried is None else solution.after(tried)
     if solution.stop.ok or solution.stop is Stop.INTERRUPTED:
         return solution
-    return _attempt(phased, [mesh], backend, guess, watch, scaled=False).after(solution)
+    return _attempt(phased, [mesh], how, guess, scaled=False).after(solution)
 
 
 def _attempt(
     phased: PhasedProblem,
     meshes: Sequence[Mesh],
-    backend: Solver,
+    how: tuple[Solver, Watch],
     guess: Solution,
-    watch: Watch,
     *,
     scaled: bool = True,
+    coarse: Coarse | None = None,
 ) -> Solution:
     began = time.perf_counter()
-    reduced = collocate(phased, meshes, guess if scaled else None)
-    start = reduced.push(guess)
+    nlp, layout = laid_out(phased, meshes, guess if scaled else None)
+    if coarse is None:
+        start = push(layout, guess)
+    else:
+        start = prolonged(coarse.layout, layout, coarse.point, guess)
     transcribed = time.perf_counter() - began
-    point = backend(reduced.problem, start, lifting_watch(watch, reduced))
-    solution = reduced.lift(point)
+    backend, watch = how
+    point = backend(nlp, start, lifting_watch(watch, nlp, layout))
+    solution = lift(layout, point)
     return solution.spent(build=point.seconds.get("build", 0.0) + transcribed)
 
 
-def lifting_watch(watch: Watch, reduced: Reduced[NLP, Solution, NLPPoint]) -> Watch:
+def lifting_watch(watch: Watch, nlp: NLP, layout: Layout) -> Watch:
     """Return a watch whose progress can be lifted to the solution that it stands for; a silent one
     stays silent.
     """
@@ -205,10 +252,10 @@ def lifting_watch(watch: Watch, reduced: Reduced[NLP, Solution, NLPPoint]) -> Wa
         return silent
 
     def see(now: Progress, /) -> bool:
-        v, objective = now.v, now.objective * reduced.problem.unit
+        v, objective = now.v, now.objective * nlp.unit
         now = replace(now, objective=objective)
         return watch(
-            now if v is None else replace(now, iterate=lambda: reduced.lift(NLPPoint(v=v)))
+            now if v is None else replace(now, iterate=lambda: lift(layout, NLPPoint(v=v)))
         )
 
     return see

@@ -2,8 +2,8 @@
 which one is best.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain, islice
 from typing import TypeAlias, final
@@ -11,13 +11,13 @@ from typing import TypeAlias, final
 import numpy as np
 
 from socp.errors import SolveError
-from socp.methods.contract import lifting_watch
+from socp.methods.contract import Coarse, lifting_watch
 from socp.methods.driving import motions, other_horizons
 from socp.methods.guess import guess_of, scattered_guesses
 from socp.model import Problem, Solution, Stop, Watch, silent, staged
 from socp.process import seconds_left
-from socp.solvers import NLP, Backend, NLPPoint, Reduced, default_backend
-from socp.transcription import collocate, knotted, radau_iia, single_phase
+from socp.solvers import NLP, Backend, default_backend
+from socp.transcription import Layout, knotted, laid_out, lift, push, radau_iia, single_phase
 
 _STEPS = 20  # intervals: the extremals of a problem differ by more than these are off
 # To tell extremals apart takes no digits: what it leaves to the barrier is the same from all starts
@@ -37,18 +37,20 @@ _FEW = 3
 # straight way, and what swings to rest takes tens of it
 _LENGTHS = (1, 2, 4, 8, 16, 32, 64)
 
-_Programme: TypeAlias = Reduced[NLP, Solution, NLPPoint]
+_Programme: TypeAlias = tuple[NLP, Layout]
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Scouted:
     """The extremals that coarse solves met, best first, each with the number of starts that ended
-    in it, and the number of starts tried. An interrupted solve stands alone, without a number.
+    in it, the number of starts tried, and what these solutions were lifted from. An interrupted
+    solve stands alone, without a number.
     """
 
     met: tuple[tuple[Solution, int], ...]
     tried: int
+    coarse: Mapping[Solution, Coarse] = field(default_factory=dict)
 
     @property
     def solutions(self) -> list[Solution]:
@@ -118,6 +120,7 @@ class _Scouting:
     def __init__(self, problem: Problem, guess: Solution, watch: Watch) -> None:
         self.problem, self.guess, self.watch = problem, guess, watch
         self.mesh = knotted(problem, radau_iia(2), _STEPS)
+        self.coarse: dict[Solution, Coarse] = {}
 
     @property
     def units(self) -> tuple[Callable[[], _Programme], ...]:
@@ -127,12 +130,12 @@ class _Scouting:
     @cached_property
     def scaled(self) -> _Programme:
         """The programme in magnitudes near the guess."""
-        return collocate(single_phase(self.problem), [self.mesh], self.guess)
+        return laid_out(single_phase(self.problem), [self.mesh], self.guess)
 
     @cached_property
     def unscaled(self) -> _Programme:
         """The programme in the problem's own units."""
-        return collocate(single_phase(self.problem), [self.mesh], None)
+        return laid_out(single_phase(self.problem), [self.mesh], None)
 
     def all(
         self,
@@ -145,6 +148,7 @@ class _Scouting:
         where the first few have led nowhere.
         """
         met, tried, units = list(known.met), known.tried, self.units
+        self.coarse |= known.coarse
         for start in guesses:
             if seconds_left() <= 0.0:
                 break
@@ -165,17 +169,20 @@ class _Scouting:
                 met = count_in(met, found)
             if _told(met) or (not met and tried == few):
                 break
-        return Scouted(tuple(met), tried)
+        return Scouted(tuple(met), tried, {each: self.coarse[each] for each, _ in met})
 
     def solved(
         self, programme: _Programme, start: Solution, backend: Backend, watch: Watch
     ) -> Solution | None:
         """Solve a programme from a start; None where that cannot be."""
-        told = lifting_watch(watch, programme)
+        nlp, layout = programme
         try:
-            return programme.lift(backend(programme.problem, programme.push(start), told))
+            point = backend(nlp, push(layout, start), lifting_watch(watch, nlp, layout))
         except SolveError:
             return None
+        found = lift(layout, point)
+        self.coarse[found] = Coarse(self.mesh, layout, point)
+        return found
 
 
 def _over_held_horizons(

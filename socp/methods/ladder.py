@@ -7,12 +7,11 @@ where controls ring. From the point of a grid a tenth as fine, multipliers inclu
 
 import time
 from dataclasses import replace
-from functools import partial
 
 from socp.methods.contract import lifting_watch, solve_collocated
 from socp.model import Solution, Stop, Watch, silent
 from socp.process import one_thread
-from socp.solvers import NLPPoint, Reduced, Solver
+from socp.solvers import NLPPoint, Solver
 from socp.transcription import (
     Layout,
     PhasedProblem,
@@ -77,10 +76,9 @@ def _climbed(
     for count in counts:
         began = time.perf_counter()
         nlp, layout = laid_out(phased, [uniform(scheme, count)], guess)
-        start = push(layout, guess) if known is None else prolonged(known[0], layout, known[1])
-        reduced = Reduced(nlp, partial(push, layout), partial(lift, layout))
+        start = push(layout, guess) if known is None else prolonged(known[0], layout, *known[1:])
         laid = time.perf_counter() - began
-        point = backend(nlp, start, lifting_watch(watch, reduced))
+        point = backend(nlp, start, lifting_watch(watch, nlp, layout))
         solution = lift(layout, point)
         solution = solution.spent(build=point.seconds.get("build", 0.0) + laid)
         known = layout, point, solution if known is None else solution.after(known[2])

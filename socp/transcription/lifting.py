@@ -167,14 +167,15 @@ def lift(layout: Layout, point: NLPPoint) -> Solution:
     )
 
 
-def prolonged(coarse: Layout, fine: Layout, point: NLPPoint) -> NLPPoint:
-    """Return the point of a grid of equal intervals on another one of the same scheme: a guess
-    with its multipliers. Both grids are of one phase of free controls.
+def prolonged(coarse: Layout, fine: Layout, point: NLPPoint, solution: Solution) -> NLPPoint:
+    """Return the point of a grid of equal intervals, and the solution that it was lifted to, on
+    another one of the same scheme: a guess with its multipliers. Both grids are of one phase of
+    free controls.
 
     Multipliers of defects are costates, whatever the length of an interval; those of what holds at
     a node are densities times that length, but for the states at the ends of the horizon.
     """
-    start, told = push(fine, lift(coarse, point)), coarse.restored(point)
+    start, told = push(fine, solution), coarse.restored(point)
     if told.lam_v is None or told.lam_g is None:
         return start
     lam_v, lam_g = told.lam_v, told.lam_g

@@ -28,6 +28,7 @@ from socp.transcription import (
     hermite_simpson,
     laid_out,
     lgr,
+    lift,
     prolonged,
     push,
     trapezoid,
@@ -103,7 +104,7 @@ def test_multipliers_of_a_coarse_grid_are_nearly_those_of_a_fine_one(scheme: Sch
     guess = default_guess(problem)
     laid = [laid_out(single_phase(problem), [uniform(scheme, n)], guess) for n in (100, 400)]
     points = [Ipopt()(nlp, push(layout, guess)) for nlp, layout in laid]
-    found = prolonged(laid[0][1], laid[1][1], points[0])
+    found = prolonged(laid[0][1], laid[1][1], points[0], lift(laid[0][1], points[0]))
     for mine, its in ((found.lam_g, points[1].lam_g), (found.lam_v, points[1].lam_v)):
         assert mine is not None
         assert its is not None
