@@ -92,7 +92,10 @@ def unusable(nlp: NLP, guess: NLPPoint) -> str:
     """
     if not np.isfinite(guess.v).all():
         return "the guess itself is not finite"
-    f, g = casadi.Function("start", [nlp.v], [nlp.f, nlp.g])(guess.v)
+    if nlp.derivatives is None:
+        f, g = casadi.Function("start", [nlp.v], [nlp.f, nlp.g])(guess.v)
+    else:  # there is no need to write it down
+        f, g = nlp.derivatives().nlp(guess.v, [])
     bad = int((~np.isfinite(g.full())).sum())
     if not np.isfinite(float(f)):
         return f"the objective is {float(f)} at the guess; give a guess where it is finite"
