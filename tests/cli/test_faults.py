@@ -541,7 +541,7 @@ def test_memory_that_gives_out_is_no_bug(
     def give_out(*_: Any, **__: Any) -> None:
         raise error
 
-    monkeypatch.setattr("socp.methods.contract.collocate", give_out)
+    monkeypatch.setattr("socp.methods.contract.laid_out", give_out)
     said = command(*words)
     assert said.code == 5
     assert said.err == "error: the memory gave out; give it more, or solve on a coarser grid\n"

@@ -163,7 +163,7 @@ def test_a_horizon_that_shrinks_to_a_point_keeps_one_arc() -> None:
 def test_an_unknown_solver_is_refused_before_anything_is_solved(
     registry: Registry, solver: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("socp.methods.direct.collocate", None)
+    monkeypatch.setattr("socp.methods.direct.laid_out", None)
     with pytest.raises(
         MethodError, match=f"no mixed-integer solver '{solver}'; available here: bonmin"
     ):
