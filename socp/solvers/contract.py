@@ -128,8 +128,10 @@ class Backend(Solver, Protocol):
     def options(self) -> Mapping[str, Any]:
         """Options set by hand, by its own names."""
 
-    def limited(self, iterations: int) -> Self:
-        """Return it with so many iterations at most."""
+    def limited(self, iterations: int, lost: int | None = None) -> Self:
+        """Return it with so many iterations at most, and `lost` in a row, where that is told, that
+        seek the constraints and nothing else.
+        """
 
     def within(self, tolerance: float) -> Self:
         """Return it with a tolerance on residuals and violations."""

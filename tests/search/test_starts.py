@@ -55,7 +55,7 @@ class Counted:
     def within(self, _: float) -> "Counted":
         return self
 
-    def limited(self, _: int) -> "Counted":
+    def limited(self, *_: int) -> "Counted":
         return self
 
     def __call__(self, _: NLP, guess: NLPPoint, *__: Watch) -> NLPPoint:

@@ -43,9 +43,6 @@ _LARGE, _DENSE_APART = 10_000, {"ipopt.mumps_pivot_order": 6}
 # First barrier parameter where the guess is near: along words that were read off a grid a larger
 # one, 1e-3, takes a quarter more iterations
 _NEARBY = 1e-4
-# Iterations in a row that seek the constraints alone, of those that are allowed: of the starts of a
-# hundred problems, those that found back took less, and most others took all
-_ASTRAY = 4
 # The same where the guess has multipliers, and how far it is moved inside: from the point of a grid
 # a tenth as fine it takes half the iterations that it takes from the usual 0.1, and no fewer from
 # smaller ones
@@ -102,13 +99,13 @@ class Ipopt:
     def __post_init__(self) -> None:
         documented.check(self.options)
 
-    def limited(self, iterations: int) -> Self:
-        """Return it with so many iterations at most, of which a part in a row may seek the
-        constraints alone: what takes more has lost its way, and none is left to find.
+    def limited(self, iterations: int, lost: int | None = None) -> Self:
+        """Return it with so many iterations at most; `lost` of them in a row may seek the
+        constraints alone.
         """
-        most = min(iterations, int(self._settings()["max_iter"]))
-        astray = max(most // _ASTRAY, 1)
-        return replace(self, asked={**self.asked, "max_iter": most, "max_resto_iter": astray})
+        asked = {"max_iter": min(iterations, int(self._settings()["max_iter"]))}
+        asked |= {} if lost is None else {"max_resto_iter": lost}
+        return replace(self, asked={**self.asked, **asked})
 
     def within(self, tolerance: float) -> Self:
         """Return it with a tolerance on residuals and violations; one set by hand stays."""

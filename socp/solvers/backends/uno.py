@@ -67,8 +67,8 @@ class Uno:
         for name, value in self.options.items():
             _check(name, value)
 
-    def limited(self, iterations: int) -> Self:
-        """Return it with so many iterations at most."""
+    def limited(self, iterations: int, _lost: int | None = None) -> Self:
+        """Return it with so many iterations at most; it does not tell which of them seek what."""
         most = min(iterations, int(self._settings()["max_iterations"]))
         return replace(self, asked={**self.asked, "max_iterations": most})
 
