@@ -129,7 +129,7 @@ def test_a_horizon_far_from_its_estimate_is_met() -> None:
 class OwnUnits:
     """A solver that solves programmes in the problem's own units alone."""
 
-    def within(self, _: float) -> "OwnUnits":
+    def within(self, *_: float) -> "OwnUnits":
         return self
 
     limited = within

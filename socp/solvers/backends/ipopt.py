@@ -40,9 +40,7 @@ _DEFAULTS: dict[str, Any] = {
 # dense column: of the orderings of MUMPS, that by minimum degree which sets such apart (6, QAMD)
 # leaves the least fill-in, and takes little time itself
 _LARGE, _DENSE_APART = 10_000, {"ipopt.mumps_pivot_order": 6}
-# First barrier parameter where the guess is near: along words that were read off a grid a larger
-# one, 1e-3, takes a quarter more iterations
-_NEARBY = 1e-4
+_NEARBY = 1e-3  # first barrier parameter where the guess is near
 # The same where the guess has multipliers, and how far it is moved inside: from the point of a grid
 # a tenth as fine it takes half the iterations that it takes from the usual 0.1, and no fewer from
 # smaller ones
