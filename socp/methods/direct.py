@@ -23,7 +23,7 @@ _STEPS = 20  # intervals: the extremals of a problem differ by more than these a
 # To tell extremals apart takes no digits: what it leaves to the barrier is the same from all starts
 # that end in one
 _TOLERANCE, _ITERATIONS = 1e-5, 150
-# In a row that seek the constraints alone: of the starts of a hundred problems those that found
+# In a row that seek the constraints alone: of the starts of fifty problems those that found
 # back took less, and most of the others took all that they might
 _LOST = 40
 # From a motion it takes some hundred: the starts before it have led nowhere
