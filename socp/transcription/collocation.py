@@ -301,7 +301,7 @@ def _ends(grid: Grid, rows: _Rows, terms: Terms) -> None:
         change = grid.scale.condition(problem, condition_slopes(problem, condition))
         at = rows.add(1, 0.0 if condition.equation else -np.inf, 0.0, change)
         entries.append(rows.each(at, np.array([1 + i])))
-    if np.isfinite(problem.final_time_box).any():
+    if np.isfinite(problem.final_time_box).any() and grid.phased.length is None:
         at = rows.add(1, *problem.final_time_box, grid.scale.time)
         places = np.append(0, grid.lengths)
         factors = np.full(places.size, 1.0 / grid.scale.time)
@@ -368,7 +368,9 @@ def _box(layout: Layout) -> np.ndarray:
             np.maximum(low[:, node], ends[0]),
             np.minimum(high[:, node], ends[1]),
         )
-    lengths = np.array([phase.length for phase in layout.phased.phases]).T
+    known = phased.length
+    bounds = [phase.length for phase in phased.phases] if known is None else [(known, known)]
+    lengths = np.array(bounds).T
     times = np.array(problem.initial_time_box)[:, None]
     free = [
         np.tile(phase.box, t.collocated.size)

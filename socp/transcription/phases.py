@@ -136,6 +136,19 @@ class PhasedProblem:
     phases: tuple[Phase, ...]
     rules: tuple[Row, ...] = ()
 
+    @property
+    def length(self) -> float | None:
+        """The length of a single phase between times that are both given, None of others.
+
+        Held by its bounds it is a number to a solver. A variable that a row holds is a dense
+        column, and convex programmes are so by cancellation alone in its products with the rates.
+        """
+        first, last = self.of.initial_time_box, self.of.final_time_box
+        if len(self.phases) > 1 or first[0] < first[1] or last[0] < last[1]:
+            return None
+        (low, high), length = self.phases[0].length, last[0] - first[0]
+        return length if low <= length <= high else None
+
     def with_phases(self, **changes: Any) -> Self:
         """Return it with the given fields of every phase replaced, such as `boxed` or `length`."""
         return replace(self, phases=tuple(replace(phase, **changes) for phase in self.phases))

@@ -298,14 +298,17 @@ def test_times_parameters_and_bounds_stand_in_the_programme() -> None:
     assert not nlp.binary.any()
 
 
-def test_a_fixed_final_time_is_an_equation_and_a_free_one_is_none() -> None:
-    sizes = []
+def test_a_fixed_length_is_a_number_a_bounded_final_time_a_row_and_a_free_one_is_none() -> None:
+    given = []
     for last in (7.0, (3.0, 9.0), (-np.inf, np.inf)):
         problem = replace(oscillator, final_time=last)
-        sizes.append(collocate(single_phase(problem), [uniform(euler(), 3)]).problem.g_box)
-    assert [size.shape[1] for size in sizes] == [7, 7, 6]
-    assert sizes[0][:, -1].tolist() == [7, 7]
-    assert sizes[1][:, -1].tolist() == [3, 9]
+        given.append(collocate(single_phase(problem), [uniform(euler(), 3)]).problem)
+    assert [each.rows for each in given] == [6, 7, 6]
+    assert [each.v_box[:, 1].tolist() for each in given] == [[7, 7], [0, np.inf], [0, np.inf]]
+    assert given[1].g_box[:, -1].tolist() == [3, 9]
+    two = single_phase(replace(oscillator, final_time=7.0), 2)
+    both = collocate(two, [uniform(euler(), 3)] * 2).problem
+    assert both.g_box[:, -1].tolist() == [7, 7]  # their lengths add up to it
 
 
 def test_bounds_are_released_on_the_closed_boundary_arc_alone() -> None:

@@ -31,6 +31,9 @@ _DEFAULTS: dict[str, Any] = {
     # multipliers grow these fail, and the pivots that they delay fill the factors, so that one step
     # of 1800 variables takes minutes, which no limit of time ends
     "mumps_permuting_scaling": 0,
+    # Of a chain of states pivots are small by the hundred; at Ipopt's 1e-6 a factor of MUMPS may
+    # lose six digits to each, and says of a convex programme that it is none. Three are left to it
+    "mumps_pivtol": 1e-3,
     "max_iter": 3000,
     "print_level": 0,
     "sb": "yes",
