@@ -11,7 +11,7 @@ from dataclasses import replace
 from socp.methods.contract import lifting_watch, solve_collocated
 from socp.model import Solution, Stop, Watch, silent
 from socp.process import one_thread
-from socp.solvers import NLPPoint, Solver
+from socp.solvers import Backend, NLPPoint
 from socp.transcription import (
     Layout,
     PhasedProblem,
@@ -26,6 +26,10 @@ from socp.transcription import (
 # Intervals of the coarsest grid at least: as many as tell arcs from one another. Each grid has a
 # tenth of the next one's, so that all of them together cost little beside the last
 _COARSEST, _FINER = 500, 10
+# All but the last are only on the way: what a barrier of an interior point method leaves there is
+# what the next one begins with. Solved to their ends they show controls at bounds that the next
+# grid has to leave first, which takes as many iterations as all the rest
+_ROUGH = 1e-5
 
 
 @one_thread()
@@ -33,7 +37,7 @@ def solve_uniform(
     phased: PhasedProblem,
     scheme: Scheme,
     count: int,
-    backend: Solver,
+    backend: Backend,
     guess: Solution,
     watch: Watch = silent,
 ) -> Solution:
@@ -65,7 +69,7 @@ def _climbed(
     phased: PhasedProblem,
     scheme: Scheme,
     counts: list[int],
-    backend: Solver,
+    backend: Backend,
     guess: Solution,
     watch: Watch,
 ) -> Solution:
@@ -78,7 +82,8 @@ def _climbed(
         nlp, layout = laid_out(phased, [uniform(scheme, count)], guess)
         start = push(layout, guess) if known is None else prolonged(known[0], layout, *known[1:])
         laid = time.perf_counter() - began
-        point = backend(nlp, start, lifting_watch(watch, nlp, layout))
+        solver = backend if count == counts[-1] else backend.within(_ROUGH)
+        point = solver(nlp, start, lifting_watch(watch, nlp, layout))
         solution = lift(layout, point)
         solution = solution.spent(build=point.seconds.get("build", 0.0) + laid)
         known = layout, point, solution if known is None else solution.after(known[2])

@@ -62,6 +62,12 @@ def of(name: str) -> Problem:
     return limited() if name == "limited" else REGISTRY.problem(name)
 
 
+def told(backend: Any) -> Any:
+    """Return a function as a backend that keeps to its own tolerance."""
+    backend.within = lambda _: backend
+    return backend
+
+
 def climbed(
     problem: Problem, scheme: Scheme, count: int, backend: Callable[..., NLPPoint] | None = None
 ) -> Solution:
@@ -123,6 +129,7 @@ def test_few_intervals_are_solved_as_they_are() -> None:
 def test_a_grid_that_fails_on_the_way_loses_nothing(failing: int) -> None:
     problem, counts = of("vdp_regulator"), []
 
+    @told
     def backend(nlp: NLP, guess: NLPPoint, _: Any = None) -> NLPPoint:
         found = Ipopt()(nlp, guess)
         counts.append(nlp.rows)
@@ -140,6 +147,7 @@ def test_a_grid_that_fails_on_the_way_loses_nothing(failing: int) -> None:
 def test_an_interrupted_solution_says_on_which_grid() -> None:
     problem = of("vdp_regulator")
 
+    @told
     def backend(nlp: NLP, guess: NLPPoint, _: Any = None) -> NLPPoint:
         return replace(Ipopt()(nlp, guess), stop=Stop.INTERRUPTED, message="interrupted")
 
@@ -155,6 +163,7 @@ def test_what_failed_on_the_way_is_counted_once(lost: int, ending: Stop) -> None
     """Where the last solve is interrupted the solution says so, and every iteration is its own."""
     counts = list[int]()
 
+    @told
     def backend(nlp: NLP, guess: NLPPoint, _: Any = None) -> NLPPoint:
         found = Ipopt()(nlp, guess)
         counts.append(found.iterations)

@@ -44,10 +44,9 @@ _DEFAULTS: dict[str, Any] = {
 # leaves the least fill-in, and takes little time itself
 _LARGE, _DENSE_APART = 10_000, {"ipopt.mumps_pivot_order": 6}
 _NEARBY = 1e-3  # first barrier parameter where the guess is near
-# The same where the guess has multipliers, and how far it is moved inside: from the point of a grid
-# a tenth as fine it takes half the iterations that it takes from the usual 0.1, and no fewer from
-# smaller ones
-_KNOWN = 1e-6
+# The same where the guess has multipliers, and how far it is moved inside: the barrier of a grid a
+# tenth as fine that is solved to a tolerance of 1e-5 is 1e-6, that of each of its nodes' ten a tenth
+_KNOWN = 1e-7
 _WARM: dict[str, Any] = {
     "mu_init": _KNOWN,
     "warm_start_init_point": "yes",
