@@ -44,8 +44,8 @@ _DEFAULTS: dict[str, Any] = {
 # leaves the least fill-in, and takes little time itself
 _LARGE, _DENSE_APART = 10_000, {"ipopt.mumps_pivot_order": 6}
 _NEARBY = 1e-3  # first barrier parameter where the guess is near
-# The same where the guess has multipliers, and how far it is moved inside: the barrier of a grid a
-# tenth as fine that is solved to a tolerance of 1e-5 is 1e-6, that of each of its nodes' ten a tenth
+# The same where the guess has multipliers, and how far it is moved inside: a grid a tenth as fine
+# that is solved to a tolerance of 1e-5 ends with 1e-6, of which every node here has a tenth
 _KNOWN = 1e-7
 _WARM: dict[str, Any] = {
     "mu_init": _KNOWN,

@@ -7,7 +7,6 @@ the given point, or less by what better controls would gain.
 import numpy as np
 
 from socp.model import (
-    Feasibility,
     Grade,
     Mode,
     Place,
@@ -20,6 +19,7 @@ from socp.verdict.accuracy import values_of
 from socp.verdict.grading.pieces import NODES, Pieces
 from socp.verdict.grading.unknowns import Unknowns
 from socp.verdict.grading.weighing import Weights, weights
+from socp.verdict.reintegration import moved
 
 # Times what better controls gain at the given costate: a switch moves the costate as it moves, and
 # is worth more than that where this makes its minimum flatter. Of grids whose error is known
@@ -56,7 +56,7 @@ def grade(problem: Problem, solution: Solution) -> Grade | None:
     gain = float(_gain(unknowns, found).sum()) + found.gain
     off = max(abs(each - value) for each in (solution.objective, seen.objective))
     second = abs(seen.objective + float(found.tie @ unknowns.reached) - value)
-    second += (abs(dynamics) + abs(ends) + abs(path)) * _apart(seen)
+    second += (abs(dynamics) + abs(ends) + abs(path)) * _apart(unknowns, found)
     error = off + _GAIN * gain + second
     return Grade(
         objective=value,
@@ -100,9 +100,22 @@ def _weighed(problem: Problem, solution: Solution) -> tuple[Unknowns, Weights] |
     return lately(problem, _weighed, values_of(solution), made)
 
 
-def _apart(seen: Feasibility) -> float:
-    """Return how far the re-integrated motion is from the returned one or misses, relative."""
-    return max(seen.drift, seen.off)
+def _apart(unknowns: Unknowns, found: Weights) -> float:
+    """Return how far the re-integrated motion is from the returned one or misses, relative: states
+    by what their magnitudes are worth to the objective at the costates found.
+
+    At the far end of a chain a state may be any number of its own magnitudes off, and be worth
+    nothing: what nothing depends on has no part in an error.
+    """
+    problem, solution = unknowns.problem, unknowns.solution
+    seen, reached = solution.verified[0], moved(problem, solution)
+    if reached is solution:
+        return max(seen.drift, seen.off)
+    off = np.abs(reached.rows("x") - solution.rows("x")).max(axis=1)
+    worth = np.abs(found.costate).max(axis=(0, 1))
+    largest = float((worth * unknowns.scale).max(initial=0.0))
+    drift = float((worth * off).max(initial=0.0)) / largest if largest > 0 else seen.drift
+    return max(min(drift, seen.drift), seen.off)
 
 
 def _curvature(solution: Solution) -> float:

@@ -15,6 +15,9 @@ from socp.verdict.nodes import values_at
 # collocated nodes a piece: order 7, where a grid's own polynomials are of degree 1 to 4
 NODES = 4
 _SCHEME = lgr(NODES)
+# entries of the matrices of pieces solved at once, 32 MiB of them: of a hundred states those of a
+# grid of 400 steps would be half a GiB
+_AT_ONCE = 1 << 22
 
 
 @final
@@ -78,20 +81,29 @@ class Pieces:
         lambda' = -H_x - mu c_x backwards by Radau collocation, as `socp.verdict.adjoint.condense`
         does on the judge's own mesh.
         """
-        v, half = self.values, 0.5 * np.diff(self.edges)[:, None, None]
-        nx, nc, d = self.x.shape[-1], v["c"].shape[-1], NODES
-        matrix = np.tile(np.kron(_SCHEME.A[:, :-1], np.eye(nx)), (self.count, 1, 1))
-        right = np.zeros((self.count, d * nx, nx + 1 + nc))
+        nx, nc = self.x.shape[-1], self.values["c"].shape[-1]
+        found = np.zeros((self.count, NODES + 1, nx, nx + 1 + nc))
+        found[:, NODES, :, :nx] = np.eye(nx)
+        some = max(1, _AT_ONCE // (NODES * nx) ** 2)
+        for first in range(0, self.count, some):
+            part = slice(first, first + some)
+            found[part, :NODES] = self._inner(part)
+        return found
+
+    def _inner(self, part: slice) -> np.ndarray:
+        """Return the maps (k, d, nx, nx + 1 + nc) to the collocated nodes of some pieces."""
+        half = 0.5 * np.diff(self.edges)[part, None, None]
+        fx, Lx, cx = (self.values[name][part] for name in ("fx", "Lx", "cx"))
+        count, _, nx, _ = fx.shape
+        matrix = np.tile(np.kron(_SCHEME.A[:, :-1], np.eye(nx)), (count, 1, 1))
+        right = np.zeros((count, NODES * nx, nx + 1 + cx.shape[2]))
         right[:, :, :nx] = -np.kron(_SCHEME.A[:, -1:], np.eye(nx))
-        for j in range(d):
+        for j in range(NODES):
             rows = slice(j * nx, (j + 1) * nx)
-            matrix[:, rows, rows] += half * v["fx"][:, j].transpose(0, 2, 1)
-            right[:, rows, nx] = -half[:, 0] * v["Lx"][:, j]
-            right[:, rows, nx + 1 :] = -half * v["cx"][:, j].transpose(0, 2, 1)
-        inner = np.linalg.solve(matrix, right).reshape(self.count, d, nx, -1)
-        end = np.zeros((self.count, 1, nx, nx + 1 + nc))
-        end[:, 0, :, :nx] = np.eye(nx)
-        return np.concatenate([inner, end], axis=1)
+            matrix[:, rows, rows] += half * fx[:, j].transpose(0, 2, 1)
+            right[:, rows, nx] = -half[:, 0] * Lx[:, j]
+            right[:, rows, nx + 1 :] = -half * cx[:, j].transpose(0, 2, 1)
+        return np.linalg.solve(matrix, right).reshape(count, NODES, nx, -1)
 
 
 def _laid(arc: Arc) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
