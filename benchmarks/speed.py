@@ -1,7 +1,8 @@
 """How long `auto` takes against a fixed yardstick, where its time goes, and how direct solves grow.
 
 Run as `python benchmarks/speed.py [NAME ...]`, without names over all registered problems, with
-`--growth` for uniform grids of 1e3 to 1e5 steps. All times are CPU seconds of one process, the
+`--growth` for uniform grids of 1e3 to 1e5 steps, and chains of 10 to 100 states (tests/chains.py).
+All times are CPU seconds of one process, the
 least of some runs taken in turns; ratios within one run hold on any machine. The yardstick is a
 trapezoidal rule of 400 steps, written out in casadi with the stock options of Ipopt: no progress of
 ours moves it. The shares of `auto`'s stages are those of one more run, under a profiler.
@@ -11,12 +12,16 @@ import argparse
 import os
 import resource
 import statistics
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
+sys.path.append(str(Path(__file__).parents[1] / "tests"))
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does
 
+import chains
 import stages
 import yardstick
 from rich.console import Console
@@ -24,9 +29,12 @@ from rich.table import Table
 
 from socp import Method, Problem, Solution, default_guess, run
 from socp.registry.plugins import Registry
+from socp.verdict import judge
 
 _SECONDS = 300.0  # allowed each: the machine may be busy
 _GROWTH = (1000, 10_000, 100_000)
+_DIRECT = ("euler-ipopt", "trapezoidal")
+_STATES = (10, 30, 100)
 
 
 def cpu(call: Callable[[], object]) -> tuple[float, object]:
@@ -71,7 +79,7 @@ def growth(registry: Registry, name: str) -> None:
     """Print how the time and the memory of direct solves grow with their steps."""
     table = Table("method", "steps", "s", "a decade", "MiB at most", "stop", title=name)
     problem = registry.problem(name)
-    for kind in ("euler-ipopt", "trapezoidal"):
+    for kind in _DIRECT:
         before = None
         for steps in _GROWTH:
             method = registry.method(kind)(steps=steps)
@@ -81,6 +89,26 @@ def growth(registry: Registry, name: str) -> None:
             stop = found.message if isinstance(found, Solution) else ""
             table.add_row(kind, str(steps), f"{spent:.2f}", ratio, f"{peak:.0f}", stop)
             before = spent
+    Console(width=120).print(table)
+
+
+def many(registry: Registry) -> None:
+    """Print how the time and the memory of direct solves and of their judgement grow with states,
+    on the grids that the methods have by themselves.
+    """
+    heads = ("problem", "method", "states", "solve s", "judge s", "MiB at most", "stop")
+    table = Table(*heads, title="states")
+    for made, share in ((chains.masses, 2), (chains.rod, 1)):
+        for kind in _DIRECT:
+            for count in _STATES:
+                problem, method = made(count // share), registry.method(kind)()
+                guess = default_guess(problem)
+                spent, found = cpu(lambda p=problem, m=method, g=guess: m.solve(p, g))
+                assert isinstance(found, Solution)
+                judged, _ = cpu(lambda p=problem, s=found: judge(p, s))
+                peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+                cells = (f"{spent:.2f}", f"{judged:.2f}", f"{peak:.0f}", found.message)
+                table.add_row(made.__name__, kind, str(count), *cells)
     Console(width=120).print(table)
 
 
@@ -95,6 +123,7 @@ def main() -> None:
     if given.growth:
         for name in given.names or ["auv"]:
             growth(registry, name)
+        many(registry)
         return
     method = registry.method("auto")(seconds=_SECONDS)
     heads = ["problem", "auto", "auto s", "yardstick s", "radau s", "ratio", "yardstick"]
