@@ -40,7 +40,7 @@ _DEFAULTS: dict[str, Any] = {
 # dense column: of the orderings of MUMPS, that by minimum degree which sets such apart (6, QAMD)
 # leaves the least fill-in, and takes little time itself
 _LARGE, _DENSE_APART = 10_000, {"ipopt.mumps_pivot_order": 6}
-# Of a chain of states pivots are small by the hundred; at Ipopt's 1e-6 a factor of MUMPS may lose six
+# Of a chain of states pivots are small by the hundred; at Ipopt's 1e-6 MUMPS may lose six
 # digits to each, and says of a convex programme that it is none: three are left to it. Of more
 # variables than this pivots put off fill twice the memory, and Ipopt's own stays
 _HUGE, _PIVOTS = 200_000, {"ipopt.mumps_pivtol": 1e-3}
