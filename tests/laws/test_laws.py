@@ -625,6 +625,10 @@ def rescaled(own: Problem, size: list[float]) -> Problem:
         {times[s][0]: times[s][1] * value for s, value in end.items()}
         for end in (own.start, own.end)
     ]
+    target = {
+        name: casadi.substitute(region, casadi.vertcat(*old), casadi.vertcat(*put))
+        for name, region in own.target.items()
+    }
     return Problem(
         name="scaled",
         minimise=own.minimise,
@@ -632,6 +636,7 @@ def rescaled(own: Problem, size: list[float]) -> Problem:
         bounds=bounds,
         start=ends[0],
         end=ends[1],
+        target=target,
         final_time=own.final_time,
     )
 
