@@ -2,12 +2,14 @@
 
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 
 from socp.model import Mode, Modes, Solution
 from socp.search import candidate
 from socp.search.candidate import Candidate, merged
+from socp.transcription import rejoin
 
 _LENGTH = 0.1  # of the shorter neighbour: the first length of an arc put between two
 
@@ -79,6 +81,20 @@ def arc_insertions(
 def past(solution: Solution, k: int) -> list[Solution]:
     """Return guesses along the words that may hold where an arc has lost its length."""
     return [_without(solution, k), *_turned(solution, k)] if len(solution.arcs) > 1 else []
+
+
+def without_length(solution: Solution, shortest: float) -> Solution:
+    """Return a solution without its arcs that are at most so long, of which one stays in any case;
+    arcs that are one along the same modes then are joined.
+    """
+    found, k = solution, 0
+    while k < len(found.arcs):
+        if len(found.arcs) > 1 and np.ptp(found.arcs[k].t) <= shortest:
+            found = _without(found, k)
+        else:
+            k += 1
+    pieces = [len(list(own)) for _, own in groupby(found.arcs, key=lambda arc: arc.modes)]
+    return rejoin(found, pieces)
 
 
 def _without(solution: Solution, k: int) -> Solution:

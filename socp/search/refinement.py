@@ -10,11 +10,23 @@ import numpy as np
 from socp.errors import MethodError, SolveError
 from socp.laws import arc_modes
 from socp.methods import Follower, follow_word, polished
-from socp.model import EXTREMAL, Condition, Problem, Solution, Stop, Watch, Word, scales, silent
+from socp.model import (
+    EXTREMAL,
+    SHORTEST,
+    Condition,
+    Problem,
+    Solution,
+    Stop,
+    Watch,
+    Word,
+    scales,
+    silent,
+)
 from socp.process import seconds_left
 from socp.search.candidate import Candidate
 from socp.search.effort import Ration, Search, clearly
 from socp.search.mending import collapsed, mends, starts, substitutes
+from socp.search.neighbours import without_length
 from socp.search.reading import read, with_hidden_bangs
 from socp.verdict import learn, lower_sides, second_order, tested
 
@@ -195,20 +207,31 @@ def solve_word(problem: Problem, now: Candidate, backend: Ration, watch: Watch) 
 
 def _settled(problem: Problem, solution: Solution) -> Solution:
     """Return what Newton makes of a nearly certified solution: the solver's tolerances may be all
-    that is amiss. Where every condition holds an arc is slack, and where those that Newton solves
-    do so far better than asked, the others are not for it to mend.
+    that is amiss, or arcs without length, without which the word has the same motion. Where every
+    condition holds an arc is slack, and where those that Newton solves do so far better than asked,
+    the others are not for it to mend.
     """
     verdict = solution.verdict
     if solution.extremal or verdict is None:
         return solution
+    off = max(verdict.miss, verdict.drift)
+    amiss = {each.kind for each in verdict.findings if not each.holds}
+    if amiss == {Condition.NO_LENGTH} and off <= EXTREMAL:
+        shortest = SHORTEST * (solution.final_time - solution.initial_time)
+        found = _polished(problem, solution, without_length(solution, shortest))
+        if found.extremal:
+            return found
     if not max(_residual(solution), verdict.miss) <= _NEARLY:  # an arc may have a length thereafter
         return solution
     solved = (each.residual for each in verdict.findings if each.kind in _SOLVED)
-    off = max(verdict.miss, verdict.drift)
-    amiss = not all(each.holds for each in verdict.findings) or off > EXTREMAL
-    if not amiss or max(off, *solved) <= _EXACT * EXTREMAL:
+    if not (amiss or off > EXTREMAL) or max(off, *solved) <= _EXACT * EXTREMAL:
         return solution
-    found = polished(problem, solution)
+    return _polished(problem, solution, solution)
+
+
+def _polished(problem: Problem, solution: Solution, guess: Solution) -> Solution:
+    """Return what Newton makes of a guess where that is certified, else the solution."""
+    found = polished(problem, guess)
     judged = solution if found is None else tested(problem, found)
     return judged if judged.extremal else solution
 

@@ -1,5 +1,6 @@
 """Words read off solutions and mended, on solutions made by hand; the search's ration of work."""
 
+import importlib
 from dataclasses import replace
 
 import casadi
@@ -7,7 +8,16 @@ import numpy as np
 import pytest
 from records import built, revised
 
-from socp import Problem, Solution, controls, default_guess, solve_collocated, states
+from socp import (
+    Problem,
+    Solution,
+    controls,
+    default_guess,
+    silent,
+    solve,
+    solve_collocated,
+    states,
+)
 from socp.model.result.arc import Arc
 from socp.model.result.findings import Condition, Feasibility, Finding, Place, Verdict
 from socp.model.result.solution import Stop
@@ -23,6 +33,8 @@ from socp.search.reading import candidate, read, with_hidden_bangs
 from socp.solvers import default_backend
 from socp.solvers.contract import NLP, NLPPoint
 from socp.transcription import euler, single_phase, uniform
+from socp.transcription.cutting import between, part
+from socp.verdict import tested
 from socp.verdict.junctions import chattering
 
 x, y = states("x y")
@@ -422,3 +434,31 @@ def test_what_ended_a_search_is_told_as_it_is() -> None:
             ", and the work allowed for the search is done"
         )
         assert explanation(problem, Search(words=0)).endswith(", and no more words are allowed")
+
+
+def test_an_arc_without_length_is_dropped_where_nothing_else_is_amiss() -> None:
+    """Rest to rest under a limit of speed: the boundary arc in two, an arc of no length between."""
+    own = importlib.import_module("socp_problems.double_integrator_vlimit").problem
+    right = solve(own, watch=silent)
+    first, along, last = right.arcs
+    middle = float(along.t[0] + along.t[-1]) / 2.0
+    halves = [
+        part(along, span, between(along, span, 10))
+        for span in ((float(along.t[0]), middle), (middle, float(along.t[-1])))
+    ]
+    at = along.at(np.array([middle])) + np.zeros_like(first.x)
+    none = replace(
+        first,
+        t=np.full_like(first.t, middle),
+        x=at,
+        costate=along.at(np.array([middle]), "costate") + np.zeros_like(at),
+    )
+    longer = replace(right, arcs=(first, halves[0], none, halves[1], last))
+    judged = tested(own, longer)
+    assert judged.verdict is not None
+    amiss = {each.kind for each in judged.verdict.findings if not each.holds}
+    assert amiss == {Condition.NO_LENGTH}
+    found = refinement._settled(own, judged)
+    assert found.extremal
+    assert [arc.modes for arc in found.arcs] == [arc.modes for arc in right.arcs]
+    assert found.objective == pytest.approx(right.objective, rel=1e-12)
