@@ -1,5 +1,7 @@
 """Controls that act through another one: open while that is off, held to a law while it is on."""
 
+from dataclasses import replace
+
 import pytest
 from casadi import cos
 from saddles import along
@@ -9,6 +11,7 @@ from socp.methods.guess import default_guess
 from socp.model.ladder.second_order import Minimum
 from socp.model.word import Mode
 from socp.registry.plugins import Registry
+from socp.verdict.conditions import stretches
 from socp.verdict.lessons import left_open
 from socp.verdict.minimum.order import second_order
 
@@ -64,6 +67,17 @@ def test_no_minimum_is_strict_where_a_control_is_open(text: str) -> None:
     assert found.kind is Minimum.DEGENERATE
     (limit,) = found.limits
     assert limit.startswith("the principle leaves turn, stretch ")
+
+
+def test_another_verdict_on_the_same_solution_is_asked_anew() -> None:
+    solution = along(COAST, "thrust: - + + -; turn: - - s -", [0.25, 0.75, 0.25, 2.75])
+    assert second_order(COAST, solution).kind is Minimum.DEGENERATE
+    assert solution.verdict is not None
+    middles = tuple(float(arc.t[[0, -1]].mean()) for arc in solution.arcs)
+    strict = dict.fromkeys(stretches(solution, "turn", middles), 1.0)
+    verdict = replace(solution.verdict, margins={**solution.verdict.margins, **strict})
+    again = solution.with_judgement(verdict=verdict)
+    assert second_order(COAST, again).kind is Minimum.WORD
 
 
 def test_an_open_bang_from_end_to_end_has_no_switch_to_move() -> None:

@@ -32,11 +32,14 @@ def second_order(problem: Problem, solution: Solution, *, inside: bool = True) -
     variations of a singular control itself are looked at too, on which no rung of the ladder
     depends.
     """
-    # a search asks before it returns what is asked again in the end
+    # a search asks before it returns what is asked again in the end; another judge may have other
+    # costates, and tell other signs from zero
     modes = tuple(arc.modes for arc in solution.arcs)
-    values = solution.objective, solution.t.tobytes(), solution.rows("x").tobytes()
+    rows = (solution.rows(name).tobytes() for name in ("x", "u", "costate"))
+    values = solution.objective, solution.t.tobytes(), tuple(solution.parameters.items()), *rows
+    told = None if solution.verdict is None else frozenset(solution.verdict.margins)
     make = partial(_tested, problem, solution, inside)
-    return lately(problem, second_order, (modes, inside, *values), make)
+    return lately(problem, second_order, (modes, inside, told, *values), make)
 
 
 def _tested(problem: Problem, solution: Solution, inside: bool) -> SecondOrder:
@@ -140,7 +143,10 @@ def _of_singular(found: Curvature | None, why: str, beside: bool) -> str:
             "controls that vary along the singular arc do better, to second order"
         )
     if not found.positive:
-        return f"with the singular control free{kept} the second variation is not positive definite"
+        return (
+            f"with the singular control free{kept} the least eigenvalue of the second variation is "
+            "zero within its error"
+        )
     left = f"; {why}" if why else ""
     return (
         "no theorem is checked for singular arcs, though the second variation with the singular "
