@@ -12,11 +12,15 @@ from socp import (
     Problem,
     Solution,
     controls,
+    default_guess,
     final_time,
+    run,
     states,
+    time,
 )
 from socp.model.data.files import from_json, to_json
 from socp.model.ladder.second_order import Minimum, SecondOrder
+from socp.registry.plugins import Registry
 from socp.registry.standard import regulator
 from socp.verdict.minimum.induced import Pair, induced
 from socp.verdict.minimum.order import second_order, with_second_order
@@ -221,6 +225,43 @@ def test_a_conjugate_point_on_a_singular_arc(horizon: float, positive: bool) -> 
     assert found.singular.positive is positive
     assert found.singular.negative is not positive
     assert ("negative" in found.limits[0]) is not positive
+
+
+@pytest.mark.parametrize(
+    ("cycles", "kappa", "amplitude", "settles"),
+    [
+        (4, 9.0, 0.5, True),
+        (4, 10.5, 0.5, True),
+        (112, 14.0, 0.5, False),
+        (64, 9.0, 0.9, False),
+        (88, 9.0, 0.5, False),
+    ],
+)
+def test_coefficients_that_vary_faster_than_the_points_of_their_pieces(
+    registry: Registry, cycles: int, kappa: float, amplitude: float, *, settles: bool
+) -> None:
+    """Integral of a (q^2 - kappa p^2) with p' = a q, q' = u from rest to p = 0, a = 1 + A cos(2 pi
+    cycles t): in the time that is the integral of a, which ends at 1, the form in q of zero mean is
+    positive up to kappa = pi^2 whatever a is. A cycle or more between points looks like another a.
+    """
+    p, q = states("p q")
+    u = controls("u")
+    a = 1 + amplitude * casadi.cos(2 * pi * cycles * time)
+    problem = Problem(
+        name="uneven",
+        running=a * (q**2 - kappa * p**2),
+        dynamics={p: a * q, q: u},
+        bounds={u: (-1, 1)},
+        start={p: 0, q: 0},
+        end={p: 0},
+        final_time=1,
+    )
+    method = registry.method("lgr-multiphase")(word="u: s")
+    found = ordered(problem, run(method, problem, default_guess(problem)))
+    assert (found.singular is not None) is settles
+    if found.singular is not None:
+        assert found.singular.positive is (kappa < pi**2)
+        assert found.singular.negative is (kappa > pi**2)
 
 
 @pytest.mark.parametrize(

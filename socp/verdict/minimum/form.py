@@ -7,7 +7,7 @@ moving it is a change of w up to higher order, and would make any form degenerat
 control's w ends and another's goes on, no term of both is left: N B is symmetric.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
 
@@ -16,12 +16,14 @@ import numpy as np
 from socp.model import TINY, Problem, numbers, parameters_of
 from socp.transcription import Shooting
 from socp.verdict.minimum.induced import WEAK, Induced
-from socp.verdict.minimum.stages import gauss, halved, pieces
+from socp.verdict.minimum.stages import gauss, halved, lowered, pieces
 from socp.verdict.minimum.variation import Quadratic, reference, singular_places
 
 _NODES = 5  # Gauss points of a piece: the motion to order 10, and w of degree 4
 HALVINGS = 2  # of every interval of the mesh
-_PARTS = 2**HALVINGS
+# Gauss points of an interval in one piece, none of which is one of its pieces': they leave order 10
+# to the coefficients of squares of w of degree 4
+_WHOLE = 9
 # Of the largest entries: a value of w with none larger neither costs nor moves anything
 _IDLE = 1e-9
 
@@ -31,12 +33,15 @@ _IDLE = 1e-9
 class Form:
     """The quadratic form along a known extremal; columns are scaled to norm 1: times by the
     horizon, w by the width of the control's box times the horizon. First come the variables of the
-    word, then the values h, then w: phase by phase, control by control.
+    word, then the values h, then w: phase by phase, control by control. Intervals are taken in
+    `parts`, by `nodes` Gauss points each.
     """
 
     problem: Problem
     known: Induced
     quadratics: tuple[Quadratic, ...]
+    parts: int = 2**HALVINGS
+    nodes: int = _NODES
 
     @property
     def shooting(self) -> Shooting:
@@ -74,7 +79,7 @@ class Form:
         """Of every phase the columns of its w (m, n, s), at the Gauss points of n pieces."""
         at, found = self.base.size + sum(map(len, self.ends)), []
         for places, block in zip(self.places, self.shooting.blocks, strict=True):
-            shape = len(places), len(block.equations) * _PARTS, _NODES
+            shape = len(places), len(block.equations) * self.parts, self.nodes
             found.append(at + np.arange(np.prod(shape, dtype=int)).reshape(shape))
             at += found[-1].size
         return found
@@ -90,7 +95,7 @@ class Form:
         and at the Gauss points of the pieces between them.
         """
         p = parameters_of(self.problem, self.shooting.solution)
-        inside = (np.arange(_PARTS)[:, None] + gauss(_NODES)[0]) / _PARTS
+        inside = (np.arange(self.parts)[:, None] + gauss(self.nodes)[0]) / self.parts
         nodes, found = np.concatenate([[0.0], inside.ravel(), [1.0]]), []
         for k, each in enumerate(self.quadratics):
             at = each.at(reference(self.known, k, nodes), p, self.places[k])
@@ -137,11 +142,11 @@ class Form:
 
     def _through(self, k: int, y: np.ndarray, form: np.ndarray) -> np.ndarray:
         """Carry changes y (ny, k) through a phase and add what it costs to the form."""
-        _, weights, matrix = gauss(_NODES)
+        _, weights, matrix = gauss(self.nodes)
         lengths = self.known.at[1 + k] * np.diff(self.shooting.blocks[k].shares)
-        steps = np.repeat(lengths / _PARTS, _PARTS)
+        steps = np.repeat(lengths / self.parts, self.parts)
         at = {
-            name: each[:, 1:-1].reshape(steps.size, _NODES, *each.shape[2:])
+            name: each[:, 1:-1].reshape(steps.size, self.nodes, *each.shape[2:])
             for name, each in self.along[k].items()
         }
         roots = np.sqrt(self.base[0] / (steps[:, None] * weights))
@@ -172,7 +177,7 @@ class Form:
         return np.array(y + at["B"][:, which] @ h)
 
     @cached_property
-    def _kept(self) -> tuple[np.ndarray, np.ndarray]:
+    def kept(self) -> tuple[np.ndarray, np.ndarray]:
         """The form (k, k) with what the ends add, and the conditions (r, k) on its columns."""
         form, changed, fixed = self.laid
         slopes, (_, chain), shooting = self.known.slopes, self.shooting.chain, self.shooting
@@ -194,7 +199,7 @@ class Form:
     @cached_property
     def idle(self) -> list[int]:
         """The columns of values h that cost nothing and move no condition."""
-        form, rows = self._kept
+        form, rows = self.kept
         h = np.concatenate([*self.values, []]).astype(int)
         costs = np.abs(form[h]).max(axis=1, initial=0.0)
         moves = np.abs(rows[:, h]).max(axis=0, initial=0.0)
@@ -207,19 +212,39 @@ class Form:
         """The form and its conditions without what is idle: with w on whole intervals first, and
         then with one halving of all pieces after the other. Each is that of a subspace of the next.
         """
-        form, rows = (np.delete(each, self.idle, axis=1) for each in self._kept)
-        found, first = [(np.delete(form, self.idle, axis=0), rows)], rows.shape[1] - self.free
+        found = [_without(self.idle, *self.kept)]
         for _ in range(HALVINGS):
-            form, rows = found[0]
-            form = _coarser(_coarser(form, first).T, first)
-            found.insert(0, (form, _coarser(rows, first)))
+            found.insert(0, self._by(halved(_NODES), *found[0]))
         return found
 
+    @cached_property
+    def again(self) -> tuple[np.ndarray, np.ndarray]:
+        """The first of `refined` by the Gauss points of whole intervals: what sets them apart is
+        what either quadrature leaves.
+        """
+        other = replace(self, parts=1, nodes=_WHOLE)
+        return self._by(lowered(_NODES, _WHOLE), *_without(self.idle, *other.kept))
 
-def _coarser(rows: np.ndarray, first: int) -> np.ndarray:
-    """Return rows (r, k), whose columns are values of w from the `first` on, by the values of w on
-    pieces twice as long.
+    def _by(
+        self, values: np.ndarray, form: np.ndarray, rows: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return a form and its conditions by fewer values of w, by which theirs are `values`."""
+        first = self.base.size + sum(map(len, self.ends)) - len(self.idle)
+        form = _coarser(_coarser(form, first, values).T, first, values)
+        return form, _coarser(rows, first, values)
+
+
+def _without(
+    columns: list[int], form: np.ndarray, rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a form (k, k) and its conditions (r, k) without some of the columns."""
+    left = np.delete(form, columns, axis=1)
+    return np.delete(left, columns, axis=0), np.delete(rows, columns, axis=1)
+
+
+def _coarser(rows: np.ndarray, first: int, values: np.ndarray) -> np.ndarray:
+    """Return rows (r, k), whose columns are values of w from the `first` on, by fewer values (s,)
+    of w on every piece, by which those of its part of them are `values` (c, s).
     """
-    count = (rows.shape[1] - first) // (2 * _NODES)
-    pairs = rows[:, first:].reshape(len(rows), count, 2 * _NODES) @ halved(_NODES)
-    return np.hstack([rows[:, :first], pairs.reshape(len(rows), count * _NODES)])
+    own = rows[:, first:].reshape(len(rows), -1, len(values)) @ values
+    return np.hstack([rows[:, :first], own.reshape(len(rows), -1)])

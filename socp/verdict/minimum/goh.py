@@ -19,7 +19,7 @@ from socp.model import (
 )
 from socp.transcription import Phase, Shooting, follow
 from socp.verdict.minimum.form import Form
-from socp.verdict.minimum.induced import Pair
+from socp.verdict.minimum.induced import CLEAR, Pair
 from socp.verdict.minimum.variation import Quadratic, quadratic, singular_places
 
 # Steps of the least eigenvalue from one refinement to the next: a geometric series of this ratio
@@ -45,18 +45,11 @@ def singular_curvature(problem: Problem, pair: Pair) -> tuple[Curvature | None, 
     faults = (_torn(form, k) for k in range(len(quadratics) - 1))
     if fault := next((fault for fault in faults if fault), ""):
         return None, fault
-    least: list[float] = []
-    for matrix, rows in form.refined:
-        values = _eigenvalues(matrix, rows)
-        if not values.size:
-            return Curvature(least=np.inf, error=0.0, free=0), ""
-        least.append(float(values[0]))
-        if len(least) > 1 and abs(least[-1] - least[-2]) <= _SETTLED * abs(least[-1]):
-            break
-    found = _settled(least, values.size)
-    if found is None:
-        return None, "the least eigenvalue does not settle under refinement"
-    return found, "an impulse where a singular arc ends costs nothing" if form.idle else ""
+    found = _settled(form)
+    if isinstance(found, str):
+        return None, found
+    idle = form.idle and found.free
+    return found, "an impulse where a singular arc ends costs nothing" if idle else ""
 
 
 def _quadratics(problem: Problem, pair: Pair) -> tuple[Quadratic, ...] | str:
@@ -73,18 +66,31 @@ def _quadratics(problem: Problem, pair: Pair) -> tuple[Quadratic, ...] | str:
     return tuple(quadratic(problem, *each) for each in phases)
 
 
-def _settled(least: list[float], free: int) -> Curvature | None:
-    """Return the limit of least eigenvalues under refinement, with what may be left to it.
+def _settled(form: Form) -> Curvature | str:
+    """Return the limit of least eigenvalues under refinement, with what may be left to it, or why
+    there is none.
 
     Spaces contain one another, so that the eigenvalues fall; where w concentrates at the least of R
-    they fall to it by a power of the length of the pieces. What the quadrature leaves, which is the
-    same for all of them, is of a higher order, and taken for no more than a step that is none.
+    they fall to it by a power of the length of the pieces. What the quadrature leaves is the same
+    for all of them: another one of the first form tells, no eigenvalue of which is further away
+    than the norm of what sets both apart (Weyl). Where that is not small neither is to be believed.
     """
+    least: list[float] = []
+    for matrix, rows in form.refined:
+        values = _eigenvalues(matrix, rows)
+        if not values.size:
+            return Curvature(least=np.inf, error=0.0, free=0)
+        least.append(float(values[0]))
+        if len(least) > 1 and abs(least[-1] - least[-2]) <= _SETTLED * abs(least[-1]):
+            break
     steps = np.abs(np.diff(least))
     if steps[-1] > _SETTLED * abs(least[-1]) and not steps[-1] <= _FALLING * steps[0]:
-        return None
-    error = max(float(steps[-1]) / (1.0 - _FALLING), _SETTLED * abs(least[-1]))
-    return Curvature(least=least[-1], error=error, free=free)
+        return "the least eigenvalue does not settle under refinement"
+    apart = CLEAR * _between(form.refined[0], form.again)
+    if not apart < abs(least[-1]):
+        return "the least eigenvalue does not settle under another quadrature"
+    error = max(float(steps[-1]) / (1.0 - _FALLING), _SETTLED * abs(least[-1])) + apart
+    return Curvature(least=least[-1], error=error, free=values.size)
 
 
 def _freed(problem: Problem, shooting: Shooting) -> list[tuple[Phase, tuple[int, ...]]]:
@@ -139,14 +145,29 @@ def _eigenvalues(form: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Return the eigenvalues of a form (k, k), ascending, on the directions that `rows` (r, k) let
     be.
     """
-    _, values, right = np.linalg.svd(rows, full_matrices=False)
-    fixed = right[values > _RANK * values.max(initial=TINY)]
+    kept, fixed = _projected(form, rows)
     # the others are moved to the end of the spectrum
-    kept = form - fixed.T @ (fixed @ form)
-    kept = kept - (kept @ fixed.T) @ fixed
-    kept = 0.5 * (kept + kept.T)
     kept += np.abs(kept).sum(axis=1).max(initial=0.0) * fixed.T @ fixed
     return np.linalg.eigvalsh(kept)[: len(kept) - len(fixed)]
+
+
+def _projected(form: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a form (k, k) with the directions taken out that `rows` (r, k) fix, and an orthonormal
+    basis (f, k) of these.
+    """
+    _, values, right = np.linalg.svd(rows, full_matrices=False)
+    fixed = right[values > _RANK * values.max(initial=TINY)]
+    kept = form - fixed.T @ (fixed @ form)
+    kept = kept - (kept @ fixed.T) @ fixed
+    return 0.5 * (kept + kept.T), fixed
+
+
+def _between(*forms: tuple[np.ndarray, np.ndarray]) -> float:
+    """Return how far apart two forms are on what their conditions let be: inf where these leave not
+    as many directions.
+    """
+    (one, fixed), (other, held) = (_projected(*each) for each in forms)
+    return float(np.linalg.norm(one - other, 2)) if len(fixed) == len(held) else np.inf
 
 
 def _asymmetric(form: Form) -> list[int]:

@@ -61,13 +61,25 @@ def gauss(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @cache
 def halved(count: int) -> np.ndarray:
-    """Return the values (2 s, s) at the Gauss points of both halves of a piece of the polynomials
-    that are its own values at its s Gauss points, all times the roots of their weights: its columns
+    """Return the values (2 s, s) of `_taken` at the Gauss points of both halves of a piece."""
+    nodes, weights, _ = gauss(count)
+    both = np.concatenate([0.5 * nodes, 0.5 + 0.5 * nodes])
+    return _taken(count, both, np.tile(0.5 * weights, 2))
+
+
+@cache
+def lowered(count: int, among: int) -> np.ndarray:
+    """Return the values (k, s) of `_taken` at as many Gauss points of a piece as `among` says."""
+    nodes, weights, _ = gauss(among)
+    return _taken(count, nodes, weights)
+
+
+def _taken(count: int, at: np.ndarray, measure: np.ndarray) -> np.ndarray:
+    """Return the values (k, s) at points (k,) of weights `measure` (k,) of the polynomials that are
+    a piece's own values at its s Gauss points, all times the roots of their weights: its columns
     are orthonormal.
     """
     nodes, weights, _ = gauss(count)
-    both = np.concatenate([0.5 * nodes, 0.5 + 0.5 * nodes])
-    powers = (np.vander(each, count, increasing=True) for each in (nodes, both))
-    roots = np.sqrt(np.tile(0.5 * weights, 2)[:, None] / weights)
-    basis, wanted = powers
+    roots = np.sqrt(measure[:, None] / weights)
+    basis, wanted = (np.vander(each, count, increasing=True) for each in (nodes, at))
     return np.array(roots * np.linalg.solve(basis.T, wanted.T).T)
