@@ -25,16 +25,14 @@ from socp.model.symbols import (
     role,
     time,
 )
-from socp.model.tolerances import EXTREMAL
 from socp.process import a, plainly, shown
 
 if TYPE_CHECKING:
     from socp.model.problem import Problem
 
 _TIMES = (initial_time, final_time)
-# Random points at which a control's effect is looked for: a term that acts shows at nearly every
-# one
-_POINTS = 8
+_POINTS = 8  # random ones where a control's effect is looked for: nearly every one shows it
+_ROUNDED = 4.0 * float(np.finfo(float).eps)  # of what the values given are worth in a row
 
 
 def expressions(problem: "Problem") -> list[Expr]:
@@ -314,9 +312,8 @@ def _controlled(problem: "Problem") -> None:
 
 
 def _met_at_once(problem: "Problem") -> bool:
-    """Tell whether the final time may be the initial one, which is given, and a point meets the
-    conditions of both ends: any point of their boxes where there are no others, the one point that
-    is given where there are.
+    """Tell whether the final time may be the initial one, which is given, and a point meets both
+    ends' conditions: any of their boxes where there are no others, the one given where there are.
     """
     (t0, latest), (earliest, _) = problem.initial_time_box, problem.final_time_box
     boxes = problem.start_box, problem.end_box, problem.state_box
@@ -329,23 +326,29 @@ def _met_at_once(problem: "Problem") -> bool:
         return not rows
     ends = [*(initial(state) for state in problem.dynamics), *casadi.vertsplit(problem.x)]
     given, values = column([*ends, *_TIMES, time]), casadi.DM([*low, *low, t0, t0, t0])
-    left = casadi.substitute(column(row for row, _ in rows), given, values)
-    if not left.is_constant():  # it holds parameters
+    left = column(row for row, _ in rows)
+    known = casadi.substitute(casadi.horzcat(left, casadi.jacobian(left, given)), given, values)
+    if not known.is_constant():  # it holds parameters
         return False
-    off, equations = casadi.DM(left).full().ravel(), np.array([equation for _, equation in rows])
-    return bool((np.where(equations, np.abs(off), off) <= EXTREMAL).all())
+    off, slopes = np.split(casadi.DM(known).full(), [1], axis=1)
+    slopes[~np.isfinite(slopes)] = 0.0
+    rounded = _ROUNDED * np.abs(slopes) @ np.abs(values.full())
+    equations = np.array([[equation] for _, equation in rows])
+    return bool((np.where(equations, np.abs(off), off) <= rounded).all())
 
 
 def _costing(problem: "Problem") -> bool:
     """Tell whether no moment takes anything from the objective, by its form alone, whatever the
-    states are: the final time, or an integral that no control in its box makes negative.
+    states are: an affine function of the final time and an integral that no control makes less.
     """
-    times, zero = column(_TIMES), casadi.DM.zeros(problem.u.shape)
-    slopes = casadi.jacobian(problem.lagrangian, problem.u)
+    t0, zero = problem.initial_time_box[0], casadi.DM.zeros(problem.u.shape)
+    mayer = casadi.substitute(problem.mayer, initial_time, t0)
+    if any(not_affine(mayer, final_time)):  # steps have no slope either
+        return False
     still = casadi.substitute(problem.lagrangian, problem.u, zero)
-    rates = casadi.vertcat(casadi.jacobian(problem.mayer, final_time) + still, slopes.T)
-    rates = casadi.simplify(casadi.densify(rates))
-    rest = casadi.substitute(problem.mayer, times, casadi.DM.zeros(times.shape))
+    worth = casadi.jacobian(mayer, final_time) + still
+    rates = casadi.vertcat(worth, casadi.jacobian(problem.lagrangian, problem.u).T)
+    rates, rest = casadi.simplify(rates), casadi.substitute(mayer, final_time, t0)
     if not (rest.is_constant() and rates.is_constant()):
         return False
     worth, *parts = casadi.DM(rates).full().ravel()

@@ -21,7 +21,17 @@ from carts import FILE
 from casadi import DM, MX, SX, fabs, floor, fmax, fmin, if_else, sin, sqrt
 from records import older
 
-from socp import Problem, Reference, controls, final_time, initial, parameters, states, time
+from socp import (
+    Problem,
+    Reference,
+    controls,
+    final_time,
+    initial,
+    initial_time,
+    parameters,
+    states,
+    time,
+)
 from socp.cli import main
 from socp.errors import MethodError, ProblemError
 from socp.methods.chain import run
@@ -424,6 +434,8 @@ def test_a_word_that_is_nonsense_is_refused(word: str, message: str) -> None:
         ({"minimise": MISSING, "running": 1 - v, "start": {x: 1}}, MET),
         ({"end": {}, "target": {"round": x == initial(x), "slow": y <= 0}}, MET),
         ({"start": {x: 1, y: 0}, "path": {"left": x + y <= 1}}, MET),
+        ({"start": {x: 0.1, y: 0.2}, "end": {}, "target": {"sum": x + y == 0.3}}, MET),  # rounded
+        ({"start": {x: 1}, "minimise": 3 * final_time - 2}, MET),
     ],
 )
 def test_a_problem_with_nothing_to_decide_is_not_solved(
@@ -447,6 +459,23 @@ def test_a_problem_with_nothing_to_decide_is_not_solved(
         {"start": {x: 1, y: 0}, "path": {"left": x + y <= 0.5}},
         {"start": {x: (0, 3), y: 0}, "end": {}, "target": {"right": x >= 1}},
         {"start": {x: 1, y: 0}, "target": {"at": x >= k}, "bounds": {v: (-1, 1), k: (0, 3)}},
+        # the ways are small, not none
+        {"start": {x: 5e-4, y: 0}, "end": {}, "target": {"near": x**2 <= 1e-8}},
+        {"start": {x: 0, y: 0}, "end": {}, "target": {"away": x - 5e-7 == 0}},
+        {"start": {x: 1, y: 0}, "target": {"late": final_time - initial_time >= 1e-7}},
+        {"start": {x: 1, y: 0}, "target": {"slow": x / final_time <= 1}},  # no value at all
+        # the objective at the initial time, which is not zero, is one of the states
+        {
+            "start": {x: 1},
+            "minimise": -initial_time * x,
+            "initial_time": 2,
+            "final_time": (2, 4),
+        },
+        # steps have no slope: less than nothing after a time
+        {"start": {x: 1}, "minimise": if_else(final_time > 1, -1, 0)},
+        {"start": {x: 1}, "minimise": if_else(final_time > 1, -x, 0)},
+        {"start": {x: 1}, "minimise": casadi.sign(1 - final_time)},
+        {"start": {x: 1}, "minimise": -final_time, "final_time": (0, 9)},
     ],
 )
 def test_what_may_need_a_motion_is_not_taken_for_met_at_once(changes: Any) -> None:
