@@ -164,7 +164,7 @@ class Auto(Method):
 
     def _search(self) -> Search:
         ration = Ration(backend=along_words(self.backend, near=True))
-        return Search(backend=ration, seconds=self.seconds)
+        return Search(backend=ration, seconds=self.seconds, steps=self.steps)
 
     def _begun(
         self,

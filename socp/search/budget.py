@@ -12,7 +12,7 @@ from socp.errors import SolveError
 from socp.methods import descended, motions, scouts_from_motions, solve_directly
 from socp.model import FEASIBLE, Problem, Solution, Stop, Watch, silent, staged
 from socp.process import seconds_left, time_limit
-from socp.search.effort import FAR, Ration, Search, along_words, off, precedes
+from socp.search.effort import FAR, FINEST, Ration, Search, along_words, off, precedes
 from socp.search.motions import adapted, held_solution, own_motion, stated_error
 from socp.search.neighbours import word_of
 from socp.search.refinement import refine, try_words
@@ -41,7 +41,7 @@ class Round:
 
 # each four times as fine as the one before and some ten times its work: time ends them, not these.
 # What words near their guesses have not led to is left to the last
-ROUNDS = (Round(4, 1e7, 120, 1000, 0.6, near=True), Round(16, 1e8, 240, 5000, 1.0, near=False))
+ROUNDS = (Round(4, 1e7, 120, 1000, 0.6, near=True), Round(FINEST, 1e8, 240, 5000, 1.0, near=False))
 # Of the time allowed: what the search leaves for what concludes it, the best direct solution on
 # finer grids and the words of fewer switches of one that chatters; of this, what is left for the
 # verdict on what is returned

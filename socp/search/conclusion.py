@@ -181,6 +181,7 @@ def pursue(
         backend=Ration(_FURTHER, search.backend.backend),
         nodes=search.nodes,
         extremals=search.extremals,
+        steps=search.steps,
     )
     for mesh in (None, finer.meshes[0]):
         direct = known if mesh is None else finer(known, mesh)

@@ -33,8 +33,7 @@ ALIKE = 1e-3  # relative: objectives of one solution on two grids differ by as m
 FAR = 0.05
 # Times how far a re-integration is off: what that may be worth in the objective, relative as well
 _WORTH = 3.0
-# Of the horizon: an interval of the finest grid of all rounds is longer, and shows nothing of it
-_UNSEEN = 5e-4
+FINEST = 16  # times the steps of the first grids: those of the last round's
 _TOLERANCE = 1e-11  # along words: what is certified should not be off by the solver's tolerance
 _ITERATIONS = 300  # a right word takes tens; a wrong one should not take thousands
 
@@ -87,11 +86,11 @@ class Search:
     """What a search over words has tried so far: its words that were solved, their number, and the
     best solution.
 
-    `refine` goes on with it from one direct solution to the next. `grids`: steps of the grids of
-    all rounds; `late`: whether the time allowed, `seconds`, ended it; `extremals`: all that were
-    certified; `scouted`: what its coarse starts met; `better`: a feasible point that is clearly
-    better than the best, which is certified; `unsigned`: the least objective of words that want
-    nothing but a sign along an arc too short to show it.
+    `refine` goes on with it from one direct solution to the next. `steps`: those of the first
+    grids; `grids`: steps of the grids of all rounds; `late`: whether the time allowed, `seconds`,
+    ended it; `extremals`: all that were certified; `scouted`: what its coarse starts met; `better`:
+    a feasible point that is clearly better than the best, which is certified; `unsigned`: the least
+    objective of words that want nothing but a sign along an arc too short to show it.
     """
 
     solved: dict[str, float] = field(default_factory=dict)
@@ -109,6 +108,7 @@ class Search:
     scouted: Scouted | None = None
     better: Solution | None = None
     unsigned: float = math.inf
+    steps: int = 100
 
     def begin(self, backend: Ration, words: int, steps: int) -> None:
         """Begin another round: with so much more work and so many more words, on grids of so many
@@ -140,7 +140,7 @@ class Search:
         """Keep a judged word if it is the best; `other` remains the best of those that are not
         certified.
         """
-        if wants_sign(solution):
+        if wants_sign(solution, 1.0 / (FINEST * self.steps)):
             self.unsigned = min(self.unsigned, solution.objective)
         if solution.extremal:
             self.extremals.append(solution)
@@ -187,9 +187,10 @@ class Search:
         return self.backend.left <= 0 or self.count >= self.words or seconds_left() <= 0.0
 
 
-def wants_sign(solution: Solution) -> bool:
+def wants_sign(solution: Solution, unseen: float) -> bool:
     """Tell whether nothing stands against a judged solution but the sign of switching functions
-    along stretches too short for any grid to show them.
+    along stretches too short for any equal steps to show them: of less than `unseen` of the
+    horizon, the shortest of them.
     """
     verdict, horizon = solution.verdict, solution.final_time - solution.initial_time
     if verdict is None or not verdict.findings:
@@ -197,7 +198,7 @@ def wants_sign(solution: Solution) -> bool:
     level = min(verdict.residual, EXTREMAL)
     open_ = [place for place, margin in verdict.margins.items() if margin <= level]
     rows = (solution.structure[str(each.control)][(each.stretch or 1) - 1] for each in open_)
-    short = all(end - start <= _UNSEEN * horizon for _, start, end in rows)
+    short = all(end - start < unseen * horizon for _, start, end in rows)
     return bool(open_) and len(verdict.reasons) == len(open_) and short
 
 

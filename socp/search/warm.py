@@ -37,7 +37,7 @@ def warm_start(
     """
     if not guess.lawful:
         return None
-    own = Search(backend=Ration(search.backend.left, search.backend.backend))
+    own = Search(backend=Ration(search.backend.left, search.backend.backend), steps=search.steps)
     try:
         found = _found(problem, guess, own, watch)
     except KeyboardInterrupt:

@@ -134,7 +134,7 @@ def _check(mesh: Mesh) -> None:
 
 
 # Of the points squared: a rate of decay times an interval's length. There collocation at n LGR
-# points damps tenfold at n = 10, fivefold at n = 20; from 0.9 and 0.74 on it makes grow
+# points damps tenfold at n = 10, fivefold at n = 20; from 0.9 and 0.74 on what decays grows
 _DAMPED = 0.5
 _LOOKS = 4  # times in an arc at which its rates are looked at, of those between its ends
 _GROWTH = (

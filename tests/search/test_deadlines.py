@@ -168,7 +168,19 @@ def with_short(solution: Solution, length: float, margin: float) -> Solution:
 def test_a_sign_is_all_that_is_wanted_where_an_arc_is_too_short_to_show_it(
     certified: Solution, length: float, margin: float, wants: bool
 ) -> None:
-    assert wants_sign(with_short(certified, length, margin)) is wants
+    assert wants_sign(with_short(certified, length, margin), 1 / 1600) is wants
+
+
+@pytest.mark.parametrize(("steps", "told"), [(100, True), (500, False)])
+def test_what_finer_grids_show_is_not_taken_for_too_short(
+    certified: Solution, steps: int, told: bool
+) -> None:
+    """The finest grid has 16 times as many steps: 1600, of which the arc is less than one, or
+    8000.
+    """
+    search = Search(steps=steps)
+    search.keep(with_short(certified, 4e-4, 0.0))
+    assert search.told is told
 
 
 def test_a_search_knows_that_its_best_word_is_all_that_can_be_told(certified: Solution) -> None:
