@@ -211,8 +211,9 @@ def explanation(problem: Problem, search: Search) -> str:
     if len(search.grids) > 1:
         tried += f", on grids of up to {max(search.grids)} steps"
     best = search.best
-    if search.backend.refused:
-        tried += f"; {search.backend.refused.rstrip('.')}{_few_slopes(problem)}"
+    if refusals := search.backend.refusals:
+        tried += f"; of {search.backend.given} programmes along words {len(refusals)} could not be "
+        tried += f"solved at all, the last one: {refusals[-1].rstrip('.')}{_few_slopes(problem)}"
     if best is None or best.verdict is None:
         return tried
     names = chattering(problem, best)
@@ -232,7 +233,7 @@ def explanation(problem: Problem, search: Search) -> str:
 
 
 def _few_slopes(problem: Problem) -> str:
-    """Say what a table may lack where a programme cannot be set up; empty where there is none."""
+    """Say what to do if a programme lacks slopes of a table; empty where there is none."""
     called: list[int] = []
     everything = casadi.vertcat(problem.rate, problem.lagrangian)
     given = casadi.vertcat(*casadi.symvar(everything))
@@ -244,8 +245,8 @@ def _few_slopes(problem: Problem) -> str:
     if not called:
         return ""
     return (
-        "; a table of the formula may lack slopes, as a spline has one more of them than its "
-        "degree and laws take up to six: write interpolant(.., {'degree': [5]})"
+        "; if slopes of a table are lacking, as a spline has one more of them than its degree "
+        "and laws take up to six, write interpolant(.., {'degree': [5]})"
     )
 
 

@@ -55,12 +55,14 @@ def along_words(
 class Ration:
     """A backend that stops when the work allowed in all, iterations times variables, is done.
 
-    `refused`: why the last programme that could not be set up was none, in its error's words.
+    `given`: programmes it was given; `refusals`: why some of them could not be solved at all, in
+    their errors' words.
     """
 
     left: float = _WORK
     backend: Backend = field(default_factory=lambda: along_words(near=True))
-    refused: str = ""
+    given: int = 0
+    refusals: list[str] = field(default_factory=list)
 
     def __call__(self, nlp: NLP, guess: NLPPoint, watch: Watch = silent) -> NLPPoint:
         """Solve with as many iterations as are left; without any the point is the guess, at its
@@ -71,10 +73,11 @@ class Ration:
             return replace(
                 guess, stop=Stop.LIMIT, message="the work allowed for the search is done"
             )
+        self.given += 1
         try:
             point = self.backend.limited(most)(nlp, guess, watch)
         except SolveError as error:
-            self.refused = str(error)
+            self.refusals.append(str(error))
             raise
         self.left -= (point.iterations + _SETUP) * nlp.count
         return point
@@ -114,7 +117,7 @@ class Search:
         """Begin another round: with so much more work and so many more words, on grids of so many
         steps.
         """
-        backend.refused = self.backend.refused
+        backend.given, backend.refusals = self.backend.given, self.backend.refusals
         self.backend, self.words = backend, self.count + words
         self.solved, self.rounded = {}, False
         self.grids.append(steps)
