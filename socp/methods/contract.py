@@ -3,6 +3,7 @@ methods share.
 """
 
 import abc
+import inspect
 import math
 import numbers
 import time
@@ -90,6 +91,8 @@ def check_options(method: Method) -> None:
         place = f"{method.name}: {each.name}"
         if Backend in kinds and not callable(value):
             raise MethodError(f"{place}={shown(value)}, but it should be a backend")
+        if Backend in kinds:
+            _takes_both(place, value)
         kind = next((kind for kind in kinds if isinstance(kind, type) and kind in WANTED), None)
         if kind is None or (value is None and NoneType in kinds):
             continue
@@ -98,6 +101,18 @@ def check_options(method: Method) -> None:
             raise MethodError(f"{place}={shown(value)}, but it should be {WANTED[kind]}{finite}")
         if kind in {int, float}:
             _in_range(place, value, each, whole=kind is int)
+
+
+def _takes_both(place: str, backend: Any) -> None:
+    """Refuse a backend whose `limited` takes iterations alone, before a search asks for more."""
+    try:
+        inspect.signature(backend.limited).bind(1, 1)
+    except (AttributeError, ValueError):  # one that is asked for nothing, or tells nothing of it
+        return
+    except TypeError as error:
+        lost = "iterations in a row that seek the constraints alone"
+        what = f"limited(iterations, lost=None) of a backend takes {lost} as well"
+        raise MethodError(f"{place}={shown(backend)}: {what}; this one: {error}") from error
 
 
 def is_backend(method: type[Method], name: str) -> bool:

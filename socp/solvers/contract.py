@@ -128,7 +128,7 @@ class Backend(Solver, Protocol):
     def options(self) -> Mapping[str, Any]:
         """Options set by hand, by its own names."""
 
-    def limited(self, iterations: int, lost: int | None = None) -> Self:
+    def limited(self, iterations: int, lost: int | None = None, /) -> Self:
         """Return it with so many iterations at most, and `lost` in a row, where that is told, that
         seek the constraints and nothing else.
         """

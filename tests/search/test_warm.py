@@ -194,6 +194,16 @@ def test_solve_takes_the_names_of_the_command(solved: Solution) -> None:
     assert (named.problem, named.options["steps"]) == ("jacobson_1", 50)
 
 
+class IterationsAlone:
+    """A backend that was written when searches limited nothing but iterations."""
+
+    def limited(self, _iterations: int) -> "IterationsAlone":
+        return self
+
+    def __call__(self, *_given: Any) -> Any:
+        raise AssertionError("it is not asked")
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [
@@ -202,6 +212,7 @@ def test_solve_takes_the_names_of_the_command(solved: Solution) -> None:
         ({"guess": 3}, "guess: 3 where a solution, or the path of one, is needed"),
         ({"backend": "ipop"}, "auto: backend: no backend 'ipop'; did you mean 'ipopt'"),
         ({"backend": 3}, "auto: backend=3, but it should be a backend"),
+        ({"backend": IterationsAlone()}, r"auto: backend=.*limited\(iterations, lost=None\)"),
     ],
 )
 def test_what_solve_cannot_take_is_named(given: dict[str, Any], said: str) -> None:
