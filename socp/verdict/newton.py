@@ -240,7 +240,9 @@ def inverse(matrix: np.ndarray, rank: float) -> np.ndarray | None:
 @final
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """Where Newton has settled: variables (n,), multipliers (m,), cost and the last matrix."""
+    """Where Newton has settled: variables (n,), multipliers (m,), cost and the last matrix: one from
+    within `_CHORD` of there, from which derivatives would be off by as much.
+    """
 
     at: np.ndarray
     held: np.ndarray

@@ -1,9 +1,9 @@
 """How an extremal moves with its data: derivatives of its objective, times, parameters and states.
 
 The conditions of its word are as many as its unknowns, so that the implicit function theorem gives
-the derivatives by one back-substitution in the last Newton matrix (Kim, Maurer, CDC 2003; Büskens,
-Maurer, J. Comput. Appl. Math. 120, 2000). They are those of the extremal along its word; no other
-word is asked.
+the derivatives by one back-substitution in Newton's matrix at the solution (Kim, Maurer, CDC 2003;
+Büskens, Maurer, J. Comput. Appl. Math. 120, 2000). They are those of the extremal along its word;
+no other word is asked.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +18,7 @@ from socp.model import Problem, Sensitivities, Sensitivity, Solution, known_prob
 from socp.process import one_thread
 from socp.transcription import PhasedProblem, Shooting
 from socp.verdict.accuracy import word_problem
-from socp.verdict.newton import Conditions, Settled, settled
+from socp.verdict.newton import Conditions, Settled, System, settled
 
 _POINTS = 10  # collocation points of pieces that are cut at kinks, as those of `polish`
 # Of the largest multiplier: a limit with less may as well be left, and there are two derivatives
@@ -141,6 +141,11 @@ class _System:
         return self.phased.of
 
     @cached_property
+    def matrix(self) -> System:
+        """Newton's matrix where it has settled; its last one may be from next to it."""
+        return self.conditions.system(self.there.at, self.there.held)
+
+    @cached_property
     def weak(self) -> set[str]:
         """Names of limits at the ends whose multipliers are zero."""
         rows, held = self.conditions.shooting.ends, self.there.held
@@ -162,9 +167,9 @@ def _system(problem: Problem, solution: Solution) -> _System:
     if there is None:
         raise SolveError("no derivatives: Newton does not settle on the conditions of the word")
     system = _System(conditions, there, known.phased, known.pieces, solution)
-    if there.system.open(np.eye(there.at.size)).any():
+    if system.matrix.open(np.eye(there.at.size)).any():
         raise SolveError("no derivatives: the conditions of the word leave a direction open")
-    if there.system.deficient:
+    if system.matrix.deficient:
         raise SolveError(
             "no derivatives: conditions of the word depend on one another, as where two controls "
             "switch at one time; a change of the data parts them"
@@ -192,7 +197,7 @@ class _Change:
 
 def _derived(system: _System, name: str, at: Sequence[float]) -> Sensitivity:
     change = _change(system, name)
-    moved, _ = system.there.system.step(change.slope, change.equations)
+    moved, _ = system.matrix.step(change.slope, change.equations)
     if not np.isfinite(moved).all():
         raise SolveError(f"no derivative by {name}: the conditions contradict one another")
     count = len(system.phased.phases)

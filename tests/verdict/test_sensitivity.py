@@ -52,6 +52,16 @@ def double_integrator(
     )
 
 
+def test_derivatives_are_those_of_the_solution_however_far_the_values_are_from_it() -> None:
+    """From rest at x: tf = 2 sqrt(x), so dtf/dx = 1 at x = 1 whatever neighbour the values are of:
+    that of x = 1.0001 is off by 5e-5 in its times, near enough for one matrix to do.
+    """
+    neighbour = solved(double_integrator(x0=1.0001, v0=0.0), "- +")
+    (found,) = derivatives(double_integrator(v0=0.0), neighbour, ["start.x"])
+    assert found.final_time == pytest.approx(1.0, abs=1e-9)
+    assert found.junctions == pytest.approx((0.5,), abs=1e-9)
+
+
 def test_a_bang_bang_extremal_in_closed_form() -> None:
     """Tf = v + 2 r with r^2 = x + v^2/2 at x = 1, v = -1, half of 2 r after the switch; dx/dx(0) =
     1 and dx/dv(0) = t on the first arc.
