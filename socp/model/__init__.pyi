@@ -44,6 +44,7 @@ from .graph import POWERS as POWERS
 from .graph import TRIGONOMETRIC as TRIGONOMETRIC
 from .graph import fold as fold
 from .graph import interpret as interpret
+from .graph import nodes as nodes
 from .graph import operation_name as operation_name
 from .graph import operation_names as operation_names
 from .keeping import cached as cached

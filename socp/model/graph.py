@@ -2,7 +2,7 @@
 steps included.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -101,6 +101,22 @@ def fold(
             value = of_operation(operation, *(work[register] for register in into))
             work.update(dict.fromkeys(out, value))  # a table has its value and slopes at once
     return found
+
+
+def nodes(expressions: Expr) -> Iterator[Expr]:
+    """Return every part (1, 1) of expressions (m, n) once, arguments before what is made of them.
+
+    Unlike what `fold` makes of codes, parts keep the tables that they look into.
+    """
+    left, seen = [(each, False) for each in reversed(expressions.nonzeros())], set[int]()
+    while left:
+        node, entered = left.pop()
+        if entered:
+            yield node
+        elif node.element_hash() not in seen:
+            seen.add(node.element_hash())
+            left.append((node, True))
+            left.extend((node.dep(k), False) for k in reversed(range(node.n_dep())))
 
 
 def interpret(

@@ -22,7 +22,7 @@ from socp.model import (
     Starts,
     Stop,
     Watch,
-    fold,
+    nodes,
     silent,
 )
 from socp.process import overtime, seconds_left, time_limit
@@ -234,15 +234,8 @@ def explanation(problem: Problem, search: Search) -> str:
 
 def _few_slopes(problem: Problem) -> str:
     """Say what to do if a programme lacks slopes of a table; empty where there is none."""
-    called: list[int] = []
     everything = casadi.vertcat(problem.rate, problem.lagrangian)
-    given = casadi.vertcat(*casadi.symvar(everything))
-
-    def note(operation: int, *_arguments: None) -> None:
-        called.extend({operation} & {casadi.OP_CALL})
-
-    fold(everything, given, lambda _place: None, lambda _number: None, note)
-    if not called:
+    if not any(node.is_call() for node in nodes(everything)):
         return ""
     return (
         "; if slopes of a table are lacking, as a spline has one more of them than its degree "

@@ -9,7 +9,7 @@ from .dormand_prince import DOP853_STAGES as DOP853_STAGES
 from .dormand_prince import DOP853_THROUGH as DOP853_THROUGH
 from .dormand_prince import DOP853_TIMES as DOP853_TIMES
 from .dormand_prince import stage_points as stage_points
-from .kinks import build as build
+from .kinks import linear_tables as linear_tables
 from .kinks import smooth as smooth
 from .knots import cut_at_knots as cut_at_knots
 from .knots import equidistributed as equidistributed

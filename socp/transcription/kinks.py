@@ -14,6 +14,7 @@ from socp.model import (
     column,
     evaluate,
     fold,
+    nodes,
     numbers,
     of_motion,
     once,
@@ -38,22 +39,23 @@ def kinks(expression: Expr, given: Expr) -> Expr:
     Constants are left out, and so is what is a multiple of another, such as -a beside a: it
     vanishes where that does.
     """
-    found: list[Expr] = []
-
-    def built(operation: int, *arguments: Expr) -> Expr:
-        turns = kink(operation, *arguments)
-        if turns is not None:
-            found.append(turns)
-        return build(operation, *arguments)
-
-    fold(casadi.vec(expression), given, given.__getitem__, casadi.SX, built)
     distinct: list[Expr] = []
-    for each in found:
+    for each in _turns(expression, given):
         if not each.is_constant() and not any(
             casadi.is_equal(each, other, 50) for other in distinct
         ):
             distinct.append(each)
     return column(_apart(distinct, given))
+
+
+def _turns(expression: Expr, given: Expr) -> list[Expr]:
+    """Return what vanishes where parts of an expression are not smooth, as often as it has them."""
+    traced = casadi.Function("traced", [given], [expression])
+    operations = {traced.instruction_id(k) for k in range(traced.n_instructions())}
+    if operations.isdisjoint(BINARY | UNARY):  # codes cost less to look at than parts
+        return []
+    found = (kink(node.op(), *map(node.dep, range(node.n_dep()))) for node in nodes(expression))
+    return [each for each in found if each is not None]
 
 
 def _apart(expressions: list[Expr], given: Expr) -> list[Expr]:
@@ -86,6 +88,24 @@ def smooth(problem: Problem, solution: Solution) -> bool:
 
 @of_motion
 @once
+def linear_tables(problem: Problem) -> bool:
+    """Tell whether dynamics or running cost look into a table between whose entries lines are
+    drawn: it has a kink at every one.
+    """
+    called = (
+        node.which_function()
+        for node in nodes(casadi.vertcat(problem.rate, problem.lagrangian))
+        if node.is_call()
+    )
+    return any(
+        each.class_name() == "LinearInterpolant"
+        for function in called
+        for each in (function, *function.find_functions())
+    )
+
+
+@of_motion
+@once
 def _kinks(problem: Problem) -> casadi.Function:
     """Return what vanishes at kinks of the dynamics or the running cost as a function of x, u, t,
     p.
@@ -98,7 +118,7 @@ def _kinks(problem: Problem) -> casadi.Function:
 # -- branches
 
 
-def build(operation: int, *arguments: Expr) -> Expr:
+def _build(operation: int, *arguments: Expr) -> Expr:
     """Return what an operation, by casadi's number of it, makes of expressions; nan, of which
     nothing is known, of the value of a table: it calls a function that is not told.
     """
@@ -129,7 +149,7 @@ def decided(expression: Expr, at: float) -> Expr:
         called.extend({operation} & {casadi.OP_CALL})
         turns = kink(operation, *arguments)
         if turns is None or not _of_time(turns):
-            return build(operation, *arguments)
+            return _build(operation, *arguments)
         value = float(casadi.evalf(casadi.substitute(turns, time, at)))
         first = arguments[0]
         if operation in {casadi.OP_FMIN, casadi.OP_FMAX}:

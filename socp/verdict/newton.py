@@ -240,8 +240,8 @@ def inverse(matrix: np.ndarray, rank: float) -> np.ndarray | None:
 @final
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """Where Newton has settled: variables (n,), multipliers (m,), cost and the last matrix: one from
-    within `_CHORD` of there, from which derivatives would be off by as much.
+    """Where Newton has settled: variables (n,), multipliers (m,), cost and the last matrix, from
+    within `_CHORD` of there: derivatives by it would be off by as much.
     """
 
     at: np.ndarray

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from socp.model import Curvature, Minimum, Problem, SecondOrder, Solution, lately
-from socp.transcription import smooth
+from socp.transcription import linear_tables, smooth
 from socp.verdict.minimum.descent import descents
 from socp.verdict.minimum.goh import singular_curvature
 from socp.verdict.minimum.induced import Pair, induced
@@ -162,4 +162,6 @@ def _common(problem: Problem, solution: Solution, pair: Pair) -> list[str]:
         found.append("the conditions at the ends depend on one another: multipliers are not unique")
     if not smooth(problem, solution):
         found.append("dynamics or running cost have a kink where the solution goes")
+    if linear_tables(problem):
+        found.append("dynamics or running cost look into a linear table, which has kinks")
     return found

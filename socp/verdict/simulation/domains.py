@@ -1,11 +1,12 @@
 """Where a motion ends because a function of it does: sqrt, log and powers below zero."""
 
+from collections.abc import Sequence
+
 import casadi
 import numpy as np
 
-from socp.model import Expr, Problem, fold, numbers, of_motion, once, time
+from socp.model import Expr, Problem, nodes, numbers, of_motion, once, time
 from socp.process import short
-from socp.transcription import build
 
 _ROOTS = {casadi.OP_SQRT: "sqrt", casadi.OP_LOG: "log"}
 _POWERS = {casadi.OP_POW, casadi.OP_CONSTPOW}
@@ -33,17 +34,12 @@ def _arguments(problem: Problem) -> list[tuple[str, str, casadi.Function]]:
     """Return the functions that have no value below zero, each with its argument as text and as a
     function (x, t, p) -> value, slopes (1, nx).
     """
-    given = casadi.vertcat(problem.x, problem.u, time, problem.p)
     found: list[tuple[str, Expr]] = []
-
-    def built(operation: int, *arguments: Expr) -> Expr:
-        name = _ROOTS.get(operation, "a power" if _fractional(operation, arguments) else "")
+    for node in nodes(casadi.vertcat(problem.rate, problem.lagrangian)):
+        arguments = [node.dep(k) for k in range(node.n_dep())]
+        name = _ROOTS.get(node.op(), "a power" if _fractional(node.op(), arguments) else "")
         if name and not arguments[0].is_constant():
             found.append((name, arguments[0]))
-        return build(operation, *arguments)
-
-    everything = casadi.vertcat(problem.rate, problem.lagrangian)
-    fold(everything, given, given.__getitem__, casadi.SX, built)
     symbols = [problem.x, time, problem.p]
     return [
         (name, short(str(each)), casadi.Function("a", symbols, _with_slopes(problem, each)))
@@ -52,9 +48,11 @@ def _arguments(problem: Problem) -> list[tuple[str, str, casadi.Function]]:
     ]
 
 
-def _fractional(operation: int, arguments: tuple[Expr, ...]) -> bool:
+def _fractional(operation: int, arguments: Sequence[Expr]) -> bool:
+    if operation not in _POWERS:
+        return False
     exponent = arguments[-1]
-    return operation in _POWERS and exponent.is_constant() and float(exponent) % 1.0 != 0.0
+    return exponent.is_constant() and float(exponent) % 1.0 != 0.0
 
 
 def _with_slopes(problem: Problem, argument: Expr) -> list[Expr]:
