@@ -14,9 +14,12 @@ from socp.model import (
     Place,
     Problem,
     constants,
+    controls,
+    final_time,
     numbers,
     rate_function,
     running_function,
+    states,
 )
 from socp.registry import solve
 
@@ -67,6 +70,27 @@ def test_ends_alone_are_shared() -> None:
     assert arc_law(other, S) is law
     assert other.start_box.tolist() == [[1.2], [1.2]]
     assert other.fingerprint == POND.with_({"start.x": 1.2, "final_time": 3.0}).fingerprint
+
+
+def test_a_horizon_that_may_be_held_at_its_least_tells_no_hamiltonian() -> None:
+    """The Hamiltonian, 0 where the horizon is free, takes the costates out of the singular law."""
+    a, b, c = states("a b c")
+    jerk = controls("jerk")
+    free = Problem(
+        name="jerk",
+        running=a**2 + b**2 + c**2,
+        dynamics={a: b, b: c - c**3 / 3, c: jerk},
+        bounds={jerk: (-3, 3)},
+        start={a: 1, b: 0, c: 0},
+        end={a: 0},
+        final_time=(0, None),
+        guess={final_time: 4},
+    )
+    family = Family(free, ("final_time.lower",))
+    assert not arc_law(family.base, S).costate
+    held = family.at({"final_time.lower": 2.6})
+    assert arc_law(held, S).costate
+    assert arc_law(family.at({"final_time.lower": -1.0}), S) is arc_law(family.base, S)
 
 
 def test_what_is_worked_out_later_is_shared_as_well() -> None:

@@ -143,17 +143,21 @@ class Family:
 
     def _kind(self, problem: Problem) -> tuple[tuple[str, float, float], ...]:
         """Return what a problem's laws rest on beside its formulas, by name: its bounds, but for
-        those of constants, and which ends and times are free. What is free has a known costate, or
-        tells the Hamiltonian.
+        those of constants, which ends and times are free, and which times are so whatever the other
+        one is. What is free has a known costate, or tells the Hamiltonian.
         """
         own = set(self.open.values())
         bounds = [(s.name(), *interval(b)) for s, b in problem.bounds.items() if s not in own]
         ends = problem.end_box.T, problem.initial_time_box, problem.final_time_box
         free = np.isinf(np.vstack(ends)).astype(float).tolist()
+        (first, latest), (earliest, last) = ends[1:]
+        later = float(last == np.inf and earliest <= first)
+        sooner = float(first == -np.inf and latest >= last)
         names = (*problem.state_names, "t0", "tf")
         return (
             *bounds,
             *((f"end.{n}", low, high) for n, (low, high) in zip(names, free, strict=True)),
+            ("horizon", sooner, later),
         )
 
     @property
