@@ -60,10 +60,8 @@ def _open_matrix(problem: Problem) -> Expr:
 
 
 def _heard(problem: Problem, rows: Expr) -> Expr:
-    """Return rows (m, nx + 1) without the costates that vanish all along: those of states that
-    nothing depends on, no end among it.
-    """
-    silent = _silent(problem)
+    """Return rows (m, nx + 1) without the costates that vanish all along."""
+    silent = silent_costates(problem)
     if silent:
         rows = casadi.SX(rows)
         rows[:, silent] = 0
@@ -72,7 +70,10 @@ def _heard(problem: Problem, rows: Expr) -> Expr:
 
 @of_motion
 @once
-def _silent(problem: Problem) -> list[int]:
+def silent_costates(problem: Problem) -> list[int]:
+    """Return the places of costates that vanish all along: those of states that nothing depends on,
+    no end among it.
+    """
     matter = that_matter(problem)
     return [k for k, state in enumerate(casadi.vertsplit(problem.x)) if state not in matter]
 

@@ -20,6 +20,7 @@ from socp.laws.brackets import (
     flow,
     hamiltonian_row,
     hamiltonian_value,
+    silent_costates,
     switching_row,
 )
 from socp.model import Constraint, Expr, Problem, column, numbers, of_motion, once
@@ -273,7 +274,8 @@ def length_fixed(problem: Problem) -> Expr:
     Where nothing but the Mayer term phi depends on a state x_j, and on x_j with a constant slope,
     lambda_j is that slope all along (Bryson, Ho, Applied Optimal Control, 1975, 2.4): a cost that
     is written as a state counts as a running cost does. Elsewhere the squares of the costates over
-    their spreads sum up to one.
+    their spreads sum up to one, without those that vanish all along: no row holds them, and one
+    that took the length would leave the others none.
     """
     along = casadi.vertcat(problem.rate, *(c.expression for c in problem.constraints))
     ends = (c.expression for c in problem.conditions)
@@ -284,7 +286,9 @@ def length_fixed(problem: Problem) -> Expr:
         if known and not casadi.depends_on(fixed, problem.x[j]):
             return problem.costate[j] - float(slopes[j])
     sizes = probes.spread(problem)[1 + problem.x.numel() + problem.p.numel() :]
-    return casadi.sumsqr(problem.costate / sizes[: problem.x.numel()]) - 1
+    heard = casadi.SX(problem.costate / sizes[: problem.x.numel()])
+    heard[silent_costates(problem)] = 0
+    return casadi.sumsqr(heard) - 1
 
 
 def at_length(problem: Problem, costate: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from casadi import cos, sin
 
+from socp.errors import MethodError
 from socp.laws.principle import derive
 from socp.model import Family, Problem, controls, final_time, states
 
@@ -46,6 +47,26 @@ def test_the_singular_climb_is_the_one_of_most_energy() -> None:
     )([0, 1000, v, angle], costate, 0)
     assert float(values[0]) == pytest.approx(0.0, abs=1e-12)
     assert np.abs(values[1].full()).max() < 1e-12
+
+
+def test_an_idle_state_takes_no_length_from_the_costates_that_tell() -> None:
+    """A cart with cost x v at its end: on a singular arc lambda_v = 0, so lambda_x = 0 as well, and
+    no costate is left, whether an odometer runs or not.
+    """
+    x, v, odometer = states("x v odometer")
+    u = controls("u")
+    cart = Problem(
+        name="cart",
+        minimise=x * v,
+        dynamics={x: v, v: u},
+        bounds={u: (-1, 1)},
+        start={x: 1, v: 0},
+        final_time=3,
+    )
+    measured = replace(cart, dynamics={**cart.dynamics, odometer: v**2})
+    for each in (cart, measured):
+        with pytest.raises(MethodError, match="no such arc was found"):
+            derive(each, ("u",))
 
 
 def test_an_end_of_the_way_brings_its_costate_back() -> None:
