@@ -34,7 +34,7 @@ from socp.solvers import default_backend
 from socp.solvers.contract import NLP, NLPPoint
 from socp.transcription import euler, single_phase, uniform
 from socp.transcription.cutting import between, part
-from socp.verdict import tested
+from socp.verdict import tested as held_against_conditions
 from socp.verdict.junctions import chattering
 
 x, y = states("x y")
@@ -454,7 +454,7 @@ def test_an_arc_without_length_is_dropped_where_nothing_else_is_amiss() -> None:
         costate=along.at(np.array([middle]), "costate") + np.zeros_like(at),
     )
     longer = replace(right, arcs=(first, halves[0], none, halves[1], last))
-    judged = tested(own, longer)
+    judged = held_against_conditions(own, longer)
     assert judged.verdict is not None
     amiss = {each.kind for each in judged.verdict.findings if not each.holds}
     assert amiss == {Condition.NO_LENGTH}
