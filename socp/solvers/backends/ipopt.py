@@ -27,10 +27,6 @@ _DEFAULTS: dict[str, Any] = {
     # Steps whose residual is small are as good as they need to be: to refine each of them once all
     # the same, as Ipopt does, takes a tenth of a small programme's time
     "min_refinement_steps": 0,
-    # MUMPS orders pivots once, in pairs that it matches by the first matrix's values: where the
-    # multipliers grow these fail, and the pivots that they delay fill the factors, so that one step
-    # of 1800 variables takes minutes, which no limit of time ends
-    "mumps_permuting_scaling": 0,
     "max_iter": 3000,
     "print_level": 0,
     "sb": "yes",
@@ -44,6 +40,10 @@ _LARGE, _DENSE_APART = 10_000, {"ipopt.mumps_pivot_order": 6}
 # digits to each, and says of a convex programme that it is none: three are left to it. Of more
 # variables than this pivots put off fill twice the memory, and Ipopt's own stays
 _HUGE, _PIVOTS = 200_000, {"ipopt.mumps_pivtol": 1e-3}
+# MUMPS orders pivots once, in pairs that it matches by the first matrix's values: where the
+# multipliers grow these fail, and the pivots that they delay fill the factors, so that one step of
+# 1800 variables takes minutes, which no limit of time ends. Large programmes fill theirs without
+_UNPAIRED = {"ipopt.mumps_permuting_scaling": 0}
 _NEARBY = 1e-3  # first barrier parameter where the guess is near
 # The same where the guess has multipliers, and how far it is moved inside: a grid a tenth as fine
 # that is solved to a tolerance of 1e-5 ends with 1e-6, of which every node here has a tenth
@@ -169,7 +169,7 @@ class Ipopt:
 
 def _solver(nlp: NLP, observer: Observer, options: Mapping[str, Any]) -> casadi.Function:
     settings = {"print_time": False, "show_eval_warnings": False, "iteration_callback": observer}
-    settings |= _DENSE_APART if nlp.count >= _LARGE else {}
+    settings |= _DENSE_APART if nlp.count >= _LARGE else _UNPAIRED
     settings |= _PIVOTS if nlp.count < _HUGE else {}
     settings |= {f"ipopt.{name}": value for name, value in options.items()}
     if math.isfinite(rest := seconds_left()):  # of the caller's time; Ipopt takes no 0
