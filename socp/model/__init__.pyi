@@ -106,6 +106,7 @@ from .symbols import controls as controls
 from .symbols import expression as expression
 from .symbols import final_time as final_time
 from .symbols import free as free
+from .symbols import identity as identity
 from .symbols import initial as initial
 from .symbols import initial_time as initial_time
 from .symbols import is_number as is_number

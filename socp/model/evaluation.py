@@ -12,7 +12,7 @@ from socp.model.keeping import lately, of_motion, once
 from socp.model.parts import Constraint, EndCondition
 from socp.model.problem import Problem
 from socp.model.result.solution import Solution
-from socp.model.symbols import Expr, final_time, initial_time, nodes, time
+from socp.model.symbols import Expr, final_time, identity, initial_time, time
 from socp.model.tolerances import ROUNDED
 
 _EXPRESSIONS = 16  # of a problem whose functions are kept: what is looked at along its arcs
@@ -100,7 +100,7 @@ def function_of(problem: Problem, given: list[Expr], expression: Expr) -> casadi
     """Return an expression as a function of given symbols, built once for as long as it is among
     those that were asked for last.
     """
-    key = len(given), *nodes(expression)  # which stays with its function
+    key = len(given), *identity(expression)  # which stays with its function
 
     def make() -> tuple[Expr, casadi.Function]:
         return expression, casadi.Function("e", given, [casadi.densify(expression)])

@@ -8,7 +8,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar, final
 import casadi
 
 from socp.model.problem import Problem
-from socp.model.symbols import Expr, nodes
+from socp.model.symbols import Expr, identity
 
 Owner = TypeVar("Owner")
 Given = ParamSpec("Given")
@@ -57,7 +57,7 @@ class _Written:
 
 
 def _told(argument: Any) -> Any:
-    return _Written(nodes(argument), argument) if isinstance(argument, casadi.SX) else argument
+    return _Written(identity(argument), argument) if isinstance(argument, casadi.SX) else argument
 
 
 def of_motion(function: Work) -> Work:

@@ -116,7 +116,7 @@ def expression(value: Any) -> Expr:
     return value if isinstance(value, casadi.SX) else casadi.SX(value)
 
 
-def nodes(expression: Expr) -> tuple[int, ...]:
+def identity(expression: Expr) -> tuple[int, ...]:
     """Return what tells an expression from every other one for as long as it is kept alive: its
     shape, and its entries' places in memory.
     """

@@ -198,8 +198,7 @@ def wants_sign(solution: Solution, unseen: float) -> bool:
     verdict, horizon = solution.verdict, solution.final_time - solution.initial_time
     if verdict is None or not verdict.findings:
         return False
-    level = min(verdict.residual, EXTREMAL)
-    open_ = [place for place, margin in verdict.margins.items() if margin <= level]
+    open_ = verdict.slack
     rows = (solution.structure[str(each.control)][(each.stretch or 1) - 1] for each in open_)
     short = all(end - start < unseen * horizon for _, start, end in rows)
     return bool(open_) and len(verdict.reasons) == len(open_) and short

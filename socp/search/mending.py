@@ -9,7 +9,7 @@ import numpy as np
 
 from socp import laws
 from socp.laws import arc_modes, control_modes
-from socp.model import EXTREMAL, OUTSIDE, SHORTEST, Arc, Mode, Place, Problem, Solution, Verdict
+from socp.model import OUTSIDE, SHORTEST, Arc, Mode, Place, Problem, Solution, Verdict
 from socp.search.candidate import Candidate, held, insert, merged, without_short_arcs
 from socp.search.indifference import with_bangs_for
 from socp.search.reading import Stretch
@@ -25,7 +25,7 @@ def mends(problem: Problem, tried: Candidate, solution: Solution) -> Iterator[Ca
     gone = [k for k, (a, b) in enumerate(pairwise(now.edges)) if b - a <= shortest]
     if gone:
         yield merged(without_short_arcs(now, shortest))
-    slack = list(_slack(solution))
+    slack = () if solution.verdict is None else solution.verdict.slack
     if len(slack) > 1:  # where all else holds none is asked for, else they stand for a singular arc
         yield _dropped(now, slack) if _holds(solution) else _smoothed(now, slack)
     yield from (_dropped(now, [place]) for place in slack)
@@ -58,13 +58,6 @@ def _wished(problem: Problem, now: Candidate, verdict: Verdict) -> Iterator[Cand
 def _holds(solution: Solution) -> bool:
     """Tell whether every condition of the judge holds, whatever the margins are."""
     return solution.verdict is not None and all(each.holds for each in solution.verdict.findings)
-
-
-def _slack(solution: Solution) -> Iterator[Place]:
-    """Yield the bang stretches whose switching function never takes the right sign clearly."""
-    if solution.verdict is not None:
-        level = min(solution.verdict.residual, EXTREMAL)
-        yield from (place for place, margin in solution.verdict.margins.items() if margin <= level)
 
 
 def _dropped(given: Candidate, places: Sequence[Place]) -> Candidate:

@@ -23,6 +23,7 @@ from socp.model import (
     constraint_function,
     evaluate,
     function_of,
+    identity,
     join,
     lately,
     numbers,
@@ -161,8 +162,7 @@ def _joints(
     looks = _Looks(phased, phase, arc, parameters_of(phased.of, solution))
     values = (each.tobytes() for each in (arc.t, arc.x, arc.mesh, looks.p))
     # with what is kept the law stays, by whose places in memory it is told apart
-    law = (each.element_hash() for each in phase.control.elements())
-    key = phase.modes, phase.when, phase.kept, *values, *law
+    key = phase.modes, phase.when, phase.kept, *values, *identity(phase.control)
     return lately(phased.of, _joints, key, lambda: (phase.control, _looked_for(looks)), _ARCS)[1]
 
 

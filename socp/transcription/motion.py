@@ -12,7 +12,17 @@ from typing import Any, final
 import casadi
 import numpy as np
 
-from socp.model import Expr, Problem, cached, column, numbers, of_motion, repeated, time
+from socp.model import (
+    Expr,
+    Problem,
+    cached,
+    column,
+    identity,
+    numbers,
+    of_motion,
+    repeated,
+    time,
+)
 from socp.transcription.dormand_prince import stage_points
 from socp.transcription.kinks import kinks
 from socp.transcription.phases import Phase, once_along
@@ -236,7 +246,7 @@ def _flow_of(problem: Problem, phase: Phase) -> Flow:
     whole = replace(phase, control=opened(problem, phase.control))
     told = casadi.vertcat(whole.control, whole.carried, whole.carried_rate)
     # with the flow its expressions stay, by whose places in memory they are told apart
-    key = phase.when, *(each.element_hash() for each in told.elements())
+    key = phase.when, *identity(told)
     known: dict[tuple[Any, ...], Flow] = cached(problem, _flow_of)
     if key not in known:
         known[key] = Flow(problem, whole)

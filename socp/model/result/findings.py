@@ -315,6 +315,14 @@ class Verdict:
         return max((finding.residual for finding in self.findings), default=float("inf"))
 
     @property
+    def slack(self) -> tuple[Place, ...]:
+        """Bang stretches whose switching function never takes the right sign clearly: a sign shows
+        only where it stands out of the residuals.
+        """
+        level = min(self.residual, EXTREMAL)
+        return tuple(place for place, margin in self.margins.items() if margin <= level)
+
+    @property
     def reasons(self) -> tuple[str, ...]:
         """What stands against the solution being an extremal, worst first; empty if nothing
         does.
@@ -329,13 +337,9 @@ class Verdict:
                 f"the returned states are not those of the re-integrated control: {self.drift:.1e}"
             )
             found.append(text)
-        level = min(
-            self.residual, EXTREMAL
-        )  # a sign shows only where it stands out of the residuals
         found += [
-            f"no strict sign of the switching function on {k}: {m:.1e}"
-            for k, m in self.margins.items()
-            if m <= level
+            f"no strict sign of the switching function on {k}: {self.margins[k]:.1e}"
+            for k in self.slack
         ]
         found += [
             f"Legendre-Clebsch condition on {k}: {v:.1e}"

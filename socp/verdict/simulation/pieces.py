@@ -16,6 +16,7 @@ from socp.model import (
     Modes,
     Problem,
     cached,
+    identity,
     lagrange,
     numbers,
     of_motion,
@@ -142,7 +143,7 @@ def closed_flow(problem: Problem, modes: Modes) -> casadi.Function:
     if casadi.is_equal(control, problem.u):
         return open_flow(problem)
     # with the flow its law stays, by whose places in memory it is told apart
-    key = tuple(each.element_hash() for each in control.elements())
+    key = identity(control)
     known: dict[tuple[int, ...], tuple[Expr, casadi.Function]] = cached(problem, _closed)
     if key not in known:
         known[key] = control, _closed(problem, control)
