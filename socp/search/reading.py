@@ -17,12 +17,14 @@ from socp.model import (
     evaluate,
     parameters_of,
 )
-from socp.search.candidate import Candidate, insert, merged
+from socp.search.candidate import Candidate, held, merged
 from socp.verdict import structure_of
 
 # a deviation counts from so many times the median one, which the grid's own error makes, and from
 # this share of the width of the control's box
 _CLEAR, _LEAST = 10.0, 0.01
+# Intervals of a grid: a bang that is longer shows in more of them
+_HIDDEN = 2.0
 
 
 Stretch = tuple[str, float, float]  # of one control: its mode, start and end
@@ -43,9 +45,9 @@ def with_hidden_bangs(problem: Problem, first: Candidate) -> Candidate:
             if mode in "+-":
                 continue
             beside = (edges[k - 1][0] if k else "", edges[k + 1][0] if k + 1 < len(edges) else "")
-            for t, bang in _bangs(problem, first, i, (a, b)):
-                if bang != beside[t > (a + b) / 2.0]:
-                    found = insert(found, i, Mode.parse(bang), t)
+            for bang, start, end in _bangs(problem, first, i, (a, b)):
+                if bang != beside[int(start + end > a + b)]:
+                    found = held(found, i, Mode.parse(bang), (start, end))
     return found
 
 
@@ -67,28 +69,34 @@ def _joined(stretches: Iterable[Stretch]) -> list[Stretch]:
     return joined
 
 
-def _bangs(
-    problem: Problem, given: Candidate, i: int, span: tuple[float, float]
-) -> list[tuple[float, str]]:
-    """Return the ends of a stretch of control i along a law at which it deviates clearly, with the
-    bound it goes to.
+def _bangs(problem: Problem, given: Candidate, i: int, span: tuple[float, float]) -> list[Stretch]:
+    """Return the bangs at the ends of a stretch of control i along a law at which it deviates
+    clearly: they go to the bound that it deviates towards.
     """
-    t, off = _deviations(problem, given, i, span)
+    t, off, law = _deviations(problem, given, i, span)
     if t.size < 4:  # too short a stretch to tell a deviation from the law's own course
         return []
     low, high = problem.box[:, i]
     level = max(_CLEAR * float(np.median(np.abs(off))), _LEAST * (high - low))
-    ends = ((0, span[0]), (-1, span[1]))
-    return [(at, "+" if off[k] > 0 else "-") for k, at in ends if abs(off[k]) > level]
+    found = list[Stretch]()
+    for k, step in ((0, t[1] - t[0]), (-1, t[-1] - t[-2])):
+        if not abs(off[k]) > level:
+            continue
+        bang, bound = ("+", high) if off[k] > 0 else ("-", low)
+        share = off[k] / (bound - law[k]) if law[k] != bound else 1.0
+        length = step * (min(share, _HIDDEN) if share > 0 else 1.0)  # laws may leave the box
+        ends = (span[0], span[0] + length) if k == 0 else (span[1] - length, span[1])
+        found.append((bang, *ends))
+    return found
 
 
 def _deviations(
     problem: Problem, given: Candidate, i: int, span: tuple[float, float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the middles of the grid's intervals in a stretch (k,) and the mean deviation of
-    control i there (k,).
+) -> np.ndarray:
+    """Return the middles of the grid's intervals in a stretch, the mean deviation of control i
+    there, and its mean law: (3, k).
     """
-    middles, means = [np.empty(0)], [np.empty(0)]
+    rows = [np.empty((3, 0))]
     for modes, (a, b) in zip(given.arcs, pairwise(given.edges), strict=True):
         if not span[0] <= (a + b) / 2.0 <= span[1]:
             continue
@@ -97,15 +105,15 @@ def _deviations(
         except MethodError:
             continue
         for arc in given.source.arcs:
-            off = arc.u[i] - evaluate(law, arc.x, arc.t, parameters_of(problem, given.source))[0][i]
+            own = evaluate(law, arc.x, arc.t, parameters_of(problem, given.source))[0][i]
             t = np.empty(arc.mesh.size - 1)
             for some, nodes in arc.alike("u"):
                 t[some] = arc.t[nodes].mean(axis=1)
             inside = (a <= t) & (t <= b)
-            middles.append(t[inside])
-            means.append(arc.means(off)[inside])
-    order = np.argsort(np.concatenate(middles))
-    return np.concatenate(middles)[order], np.concatenate(means)[order]
+            off, along = (arc.means(each)[inside] for each in (arc.u[i] - own, own))
+            rows.append(np.array([t[inside], off, along]))
+    found = np.hstack(rows)
+    return found[:, np.argsort(found[0])]
 
 
 def candidate(solution: Solution, stretches: dict[str, tuple[Stretch, ...]]) -> Candidate:
