@@ -4,14 +4,14 @@ them.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import final
+from typing import Any, final
 
 import casadi
 
 from socp.errors import MethodError
 from socp.laws.principle import ArcPrinciple, arc, bangs_open, extremal_arc, setting_of
 from socp.laws.setting import Setting, contact, homogeneous, length_fixed, tower
-from socp.model import Constraint, Expr, Modes, Problem, column, of_motion, once
+from socp.model import Constraint, Expr, Modes, Problem, column, identity, of_motion, once
 
 
 @final
@@ -66,7 +66,7 @@ def arc_law(problem: Problem, modes: Modes) -> ArcLaw:
         for j, c in setting.boundary.items()
         if (law := given_boundary(problem, j, c)) is not None
     }
-    control = column(given.get(i, control[i]) for i in range(control.numel()))
+    control = column(_as_before(problem, given.get(i, control[i])) for i in range(control.numel()))
     _inside(problem, setting, control)
     kept = {c.name: tower(problem, c, setting.given)[0] for c in setting.boundary.values()}
     entry = tuple(e for held in kept.values() for e in held)
@@ -75,6 +75,24 @@ def arc_law(problem: Problem, modes: Modes) -> ArcLaw:
     return ArcLaw(
         control, entry, frozenset(kept), carried.costate_rate, _costate_entry(problem, carried)
     )
+
+
+def _as_before(problem: Problem, law: Expr) -> Expr:
+    """Return the law (1, 1) of another arc that has the same operations, if any, else the law
+    itself: what is built for one serves both.
+    """
+    if law.is_constant():
+        return law
+    symbols = casadi.vertcat(*casadi.symvar(law))
+    said = casadi.Function("law", [symbols], [law]).serialize()
+    return _laws(problem).setdefault((said, *identity(symbols)), law)
+
+
+@of_motion
+@once
+def _laws(_problem: Problem) -> dict[tuple[Any, ...], Expr]:
+    """Return the laws of arcs by their operations and symbols."""
+    return {}
 
 
 def given_singular(problem: Problem, i: int) -> Expr | None:
