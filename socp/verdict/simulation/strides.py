@@ -94,21 +94,24 @@ class Strides:
 @final
 class _Row:
     """The memory on which steps along a flow follow one another, each a call that reads where the
-    one before it has written.
+    one before it has written; calls are made when there are first so many steps.
     """
 
     def __init__(self, flow: casadi.Function) -> None:
-        one, stages = one_step(flow), DOP853_TIMES.size
+        self.one, stages = one_step(flow), DOP853_TIMES.size
         n, nu, count = flow.size1_out(0), flow.size1_in(1), flow.size1_in(3)
         self.y = np.zeros((_ROW + 1, n))
         self.u, self.t = np.zeros((_ROW, stages, nu)), np.zeros((_ROW, stages))
         self.h, self.p = np.zeros(_ROW), np.zeros(count)
         self.rtol, self.atol = np.zeros(1), np.zeros(n)
         self.errors, self.between = np.zeros((_ROW, 2)), np.zeros((_ROW, 7, n))
-        shared = self.p, self.rtol, self.atol
         self.buffers, self.calls = [], []
-        for k in range(_ROW):
-            buffer, call = one.buffer()
+
+    def first(self, count: int) -> list[Callable[[], None]]:
+        """Return the calls of so many steps."""
+        shared = self.p, self.rtol, self.atol
+        for k in range(len(self.calls), count):
+            buffer, call = self.one.buffer()
             given = self.y[k], self.u[k], self.t[k], self.h[k : k + 1], *shared
             found = self.y[k + 1], self.errors[k], self.between[k]
             for place, arrays in ((buffer.set_arg, given), (buffer.set_res, found)):
@@ -117,6 +120,7 @@ class _Row:
                         place(i, each.reshape(-1).data)
             self.buffers.append(buffer)
             self.calls.append(call)
+        return self.calls[:count]
 
 
 def strides(course: Course, laid: np.ndarray, y: np.ndarray, most: np.ndarray) -> Strides:
@@ -180,7 +184,7 @@ def _taken(
     if row.u.size:
         u = course.controls(t.ravel(), np.repeat(on, stages))
         row.u[:k] = u.T.reshape(k, stages, -1)
-    for call in row.calls[:k]:
+    for call in row.first(k):
         call()
     led = row.y[: k + 1].copy()
     found = Strides(begins, ends, on, led[:-1], led[1:], row.between[:k].copy())
