@@ -5,6 +5,7 @@ as those of all bang arcs, whatever words and intervals they stand in.
 The formula is that of Dormand and Prince (Hairer, Norsett, Wanner, Solving ODEs I, II.5).
 """
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, final
@@ -211,19 +212,20 @@ class Sweep:
         later = self.returned(held)[:, last].reshape(-1, ny, 1)
         return at, (across.reshape(-1, ny, ny) @ later)[:, :, 0].T
 
-    def bent(self, held: np.ndarray) -> np.ndarray:
+    def bent(self, held: np.ndarray, stride: int = 1) -> np.ndarray:
         """Return the Hessians (n, nz + 2 + np,) twice, by the same, of the running cost and z times
-        multipliers held (nz, n).
+        multipliers held (nz, n): those of steps as long as `stride` together.
         """
         n, steps, ny, count = self.begun.shape
-        later = self.returned(held)
-        y, multipliers = (each.reshape(-1, ny).T for each in (self.before, later))
-        motion = self.motion
-        (found,) = numbers(motion.flow.curved, y, self.each, self.p, motion.u, multipliers)
-        hessians = found.T.reshape(n, steps, ny + 1 + len(self.p), -1)
-        by = np.zeros((n, steps, hessians.shape[2], count))
-        by[:, :, :ny] = self.begun
-        by[:, :, ny:, ny - 1 :] = np.eye(1 + len(self.p))
+        together = math.gcd(stride, steps)
+        later = self.returned(held)[:, together - 1 :: together]
+        y, multipliers = (each.reshape(-1, ny).T for each in (self.before[:, ::together], later))
+        motion, each = self.motion, together * self.each[:, ::together]
+        (found,) = numbers(motion.flow.curved, y, each, self.p, motion.u, multipliers)
+        hessians = found.T.reshape(n, steps // together, ny + 1 + len(self.p), -1)
+        by = np.zeros((n, steps // together, hessians.shape[2], count))
+        by[:, :, :ny] = self.begun[:, ::together]
+        by[:, :, ny:, ny - 1 :] = np.diag([together, *np.ones(len(self.p))])
         bent: np.ndarray = (by.swapaxes(2, 3) @ hessians @ by).sum(axis=1)
         bent[:, ny - 1] /= steps
         bent[:, :, ny - 1] /= steps

@@ -4,7 +4,7 @@ It shares neither nodes nor arithmetic with the collocated programmes, so that a
 means something.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
@@ -320,8 +320,11 @@ class Shooting:
             for (j, i), on in np.ndenumerate((count > 0) & (np.abs(came) >= slow)):
                 name = f"{(state := problem.state_names[i])}.{('lower', 'upper')[j]}"
                 row = EndRow(f"{end}.{state}{_ON}{name}", box[j, i, 0], 2.0 * j - 1.0)
-                own = f"{end}.{state}" in held or name in kept or casadi.depends_on(asked, z[i])
-                yield from [row] if not own and (on or (row.name, row.sign) in self.active) else []
+                if not (on or (row.name, row.sign) in self.active):
+                    continue
+                if f"{end}.{state}" in held or name in kept or casadi.depends_on(asked, z[i]):
+                    continue
+                yield row
 
     def split(self, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
         """Return the times (phases + 1,) between the phases, the parameters (np,) and the values
@@ -381,15 +384,18 @@ def _joined(shooting: Shooting) -> tuple[casadi.Function, casadi.Function]:
     )
 
 
-def interval_ends(phased: PhasedProblem, start: Solution, k: int, steps: int) -> np.ndarray:
+def interval_ends(phased: PhasedProblem, start: Solution, k: int) -> Callable[[int], np.ndarray]:
     """Return states, what is carried and running cost (nz + 1, m) in which the m intervals of phase
-    k end.
+    k end, as a function of how many steps each of them takes.
     """
     phase, arc, p = phased.phases[k], start.arcs[k], parameters_of(phased.of, start)
     t = arc.t[arc.mesh]
     z = np.vstack([arc.x, arc.costate[: phase.carried.numel()]])[:, arc.mesh[:-1]]
     motion = motion_of(phased.of, phase)
-    ends: np.ndarray = motion.moved(z, t[:-1], np.diff(t), p, steps)[-1][:-1]
+
+    def ends(steps: int) -> np.ndarray:
+        return motion.moved(z, t[:-1], np.diff(t), p, steps)[-1][:-1]
+
     return ends
 
 

@@ -96,23 +96,28 @@ class Conditions:
         held: np.ndarray = np.linalg.lstsq(slopes.T, -gradient, rcond=None)[0]
         return held
 
-    def system(self, at: np.ndarray, held: np.ndarray) -> "System":
-        """Return the linear system at variables (n,) and multipliers (m,)."""
-        key, make = (at.tobytes(), held.tobytes()), partial(self._system, at, held)
-        return lately(self, Conditions.system, key, make)
+    def system(self, at: np.ndarray, held: np.ndarray, *, roughly: bool = True) -> "System":
+        """Return the linear system at variables (n,) and multipliers (m,), by a rough Hessian where
+        it is for Newton's steps.
+        """
+        key = at.tobytes(), held.tobytes(), roughly
+        return lately(self, Conditions.system, key, partial(self._system, at, held, roughly))
 
-    def _system(self, at: np.ndarray, held: np.ndarray) -> "System":
-        C, H = self.derivatives(at, held)
+    def _system(self, at: np.ndarray, held: np.ndarray, roughly: bool) -> "System":
+        C, H = self.derivatives(at, held, roughly=roughly)
         C = C * self.size
         matrix = np.block(
             [[H * self.size[:, None] * self.size, C.T], [C, np.zeros((held.size, held.size))]]
         )
         return System.of(matrix, self.size)
 
-    def derivatives(self, at: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def derivatives(
+        self, at: np.ndarray, held: np.ndarray, *, roughly: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return the slopes of the equations (m, n) and the Hessian (n, n) of the Lagrangian."""
-        here, key = self.linearised(at), (at.tobytes(), held.tobytes())
-        bent = lately(self, Conditions.derivatives, key, partial(here.hessian, held))
+        here, key = self.linearised(at), (at.tobytes(), held.tobytes(), roughly)
+        make = partial(here.hessian, held, roughly=roughly)
+        bent = lately(self, Conditions.derivatives, key, make)
         return here.slopes, bent
 
     def values(self, at: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
