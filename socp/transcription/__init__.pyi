@@ -20,6 +20,7 @@ from .lifting import lift as lift
 from .lifting import prolonged as prolonged
 from .lifting import push as push
 from .linearised import Linearised as Linearised
+from .linearised import interval_ends as interval_ends
 from .linearised import residuals as residuals
 from .mesh import Mesh as Mesh
 from .mesh import Table as Table
@@ -48,4 +49,3 @@ from .schemes import lgr as lgr
 from .schemes import radau_iia as radau_iia
 from .schemes import trapezoid as trapezoid
 from .shooting import Shooting as Shooting
-from .shooting import interval_ends as interval_ends

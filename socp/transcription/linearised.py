@@ -2,13 +2,15 @@
 assembled from those of the motion over single intervals.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 
-from socp.model import numbers
-from socp.transcription.motion import Sweep
+from socp.model import Solution, numbers, parameters_of
+from socp.transcription.motion import Sweep, motion_of
+from socp.transcription.phases import PhasedProblem
 from socp.transcription.shooting import Shooting
 
 # Steps that are one to a rough Hessian: of order 8, with steps that leave 1e-13, it is off by 1e-8
@@ -23,6 +25,22 @@ def begun(shooting: Shooting, k: int, w: np.ndarray) -> list[np.ndarray]:
     t = w[: 1 + k].sum() + w[1 + k] * block.shares[:-1]
     h, p = w[1 + k] * np.diff(block.shares), w[first : first + shooting.phased.of.p.numel()]
     return [w[block.variables[:-1]].T, t[None, :], h[None, :], p[:, None]]
+
+
+def interval_ends(phased: PhasedProblem, start: Solution, k: int) -> Callable[[int], np.ndarray]:
+    """Return states, what is carried and running cost (nz + 1, m) in which the m intervals of phase
+    k end, as a function of how many steps each of them takes.
+    """
+    phase, arc, p = phased.phases[k], start.arcs[k], parameters_of(phased.of, start)
+    t = arc.t[arc.mesh]
+    z = np.vstack([arc.x, arc.costate[: phase.carried.numel()]])[:, arc.mesh[:-1]]
+    motion = motion_of(phased.of, phase)
+
+    def ends(steps: int) -> np.ndarray:
+        found: np.ndarray = motion.moved(z, t[:-1], np.diff(t), p, steps)[-1][:-1]
+        return found
+
+    return ends
 
 
 def residuals(shooting: Shooting, w: np.ndarray) -> tuple[np.ndarray, float]:

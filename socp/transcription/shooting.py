@@ -4,7 +4,7 @@ It shares neither nodes nor arithmetic with the collocated programmes, so that a
 means something.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
@@ -382,21 +382,6 @@ def _joined(shooting: Shooting) -> tuple[casadi.Function, casadi.Function]:
         casadi.Function("joined", [w], [equations, cost, *slopes]),
         casadi.Function("bent", [w, by], [hessian]),
     )
-
-
-def interval_ends(phased: PhasedProblem, start: Solution, k: int) -> Callable[[int], np.ndarray]:
-    """Return states, what is carried and running cost (nz + 1, m) in which the m intervals of phase
-    k end, as a function of how many steps each of them takes.
-    """
-    phase, arc, p = phased.phases[k], start.arcs[k], parameters_of(phased.of, start)
-    t = arc.t[arc.mesh]
-    z = np.vstack([arc.x, arc.costate[: phase.carried.numel()]])[:, arc.mesh[:-1]]
-    motion = motion_of(phased.of, phase)
-
-    def ends(steps: int) -> np.ndarray:
-        return motion.moved(z, t[:-1], np.diff(t), p, steps)[-1][:-1]
-
-    return ends
 
 
 def _end_names(problem: Problem) -> list[str]:

@@ -33,10 +33,10 @@ from socp.registry.standard import STANDARD, minimum_time, speed_limit
 from socp.search.digits import agrees, apart, with_agreement
 from socp.search.reading import read, with_hidden_bangs
 from socp.transcription.kinks import kinks
-from socp.transcription.linearised import Linearised
+from socp.transcription.linearised import Linearised, interval_ends
 from socp.transcription.phases import follow, single_phase
 from socp.transcription.schemes import radau_iia
-from socp.transcription.shooting import Shooting, interval_ends
+from socp.transcription.shooting import Shooting
 from socp.verdict.certify import judge
 
 REGISTRY = Registry.load()

@@ -105,7 +105,8 @@ class _Row:
         self.h, self.p = np.zeros(_ROW), np.zeros(count)
         self.rtol, self.atol = np.zeros(1), np.zeros(n)
         self.errors, self.between = np.zeros((_ROW, 2)), np.zeros((_ROW, 7, n))
-        self.buffers, self.calls = [], []
+        self.buffers: list[casadi.FunctionBuffer] = []
+        self.calls: list[Callable[[], None]] = []
 
     def first(self, count: int) -> list[Callable[[], None]]:
         """Return the calls of so many steps."""
