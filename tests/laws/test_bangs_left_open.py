@@ -97,3 +97,16 @@ def test_the_law_is_worked_out_when_it_is_asked_for(monkeypatch: pytest.MonkeyPa
     found = laws.derive(own, ("u",))
     assert found.orders == {"u": 1}
     assert float(found.legendre_clebsch) == pytest.approx(2.0)
+
+
+def test_laws_of_the_same_operations_are_one_expression() -> None:
+    """Where z is kept at its limit the law of u is derived anew, and comes out the same."""
+    own = problem(
+        running=x**2 / 2 + y**4 / 4,
+        dynamics={x: u, y: x, z: w},
+        bounds={u: (-9, 9), w: (-1, 1), z: (None, 2)},
+    )
+    kept = (Mode.parse("s"), Mode.parse("b[z.upper]"))
+    one, other = (laws.arc_law(own, modes).control for modes in (LOWER, kept))
+    assert float(other[1]) == 0.0
+    assert one[0].element_hash() == other[0].element_hash()

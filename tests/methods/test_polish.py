@@ -170,7 +170,9 @@ def test_a_bang_shorter_than_a_step_is_found_by_the_deviation_from_the_singular_
     )
     first = read(problem, direct)
     assert [str(arc[0]) for arc in first.arcs] == ["s"]  # what labels alone show
-    assert [str(arc[0]) for arc in with_hidden_bangs(problem, first).arcs] == ["-", "s"]
+    found = with_hidden_bangs(problem, first)
+    assert [str(arc[0]) for arc in found.arcs] == ["-", "s"]
+    assert found.edges[1] == pytest.approx(0.01, rel=1e-3)  # what the control goes through, over 1
 
 
 def test_nothing_is_revealed_on_an_arc_that_keeps_its_law() -> None:

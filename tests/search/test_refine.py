@@ -154,6 +154,7 @@ def test_a_bang_shorter_than_a_step_is_found_before_a_boundary_arc() -> None:
     )
     found = with_hidden_bangs(problem, read(problem, direct))
     assert spelt(found) == ["+", "b[v.upper]"]
+    assert found.edges[1] == pytest.approx(0.025, rel=1e-3)
 
 
 def test_reading_takes_fast_flutter_for_a_singular_arc() -> None:

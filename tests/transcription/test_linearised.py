@@ -55,6 +55,20 @@ def test_slopes_and_curvatures_are_those_of_differences() -> None:
             assert slope == pytest.approx(difference, rel=1e-8, abs=1e-9)
 
 
+def test_rough_curvatures_are_those_of_steps_four_times_as_long() -> None:
+    """Of one interval in four steps and in one: same variables, and as many multipliers."""
+    motion, random = shooting().motions[0], np.random.default_rng(2)
+    z, t, h, p = random.normal(size=(2, 4)), np.arange(4.0), np.full(4, 0.3), np.array([[0.7]])
+    given, held = [z, t[None, :], h[None, :], p], random.normal(size=(2, 4))
+    rough, long = motion.sweep(given, 4).bent(held, 4), motion.sweep(given, 1).bent(held)
+    assert np.abs(rough - long).max() <= 1e-8 * np.abs(long).max()
+    errors = [
+        np.abs(motion.sweep(given, 8).bent(held, n) - motion.sweep(given, 32).bent(held)).max()
+        for n in (4, 8)
+    ]
+    assert 2.0**6 < errors[1] / errors[0] < 2.0**10  # of order 8
+
+
 def test_states_and_multipliers_between_the_ends_of_intervals() -> None:
     """Multipliers times changes stay what they are: from a node on, the slopes of the rest tell."""
     motion, nodes = shooting().motions[0], np.array([0.0, 0.4, 1.0])
