@@ -20,9 +20,9 @@ T = TypeVar("T")
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Derivatives:
     """Derivatives of a programme as casadi functions that a solver is handed with `nlp` x, p -> f,
-    g: `grad_f` x, p -> f,
-    grad_f_x (n, 1); `jac_g` x, p -> g, jac_g_x (m, n); `hess_lag` x, p, lam_f, lam_g -> the upper
-    triangle of the Lagrangian's Hessian (n, n).
+    g: `grad_f` x, p -> f, grad_f_x (n, 1); `jac_g` x, p -> g, jac_g_x (m, n); `hess_lag` x, p,
+    lam_f, lam_g -> the upper triangle of the Lagrangian's Hessian (n, n). In `grad_f` and `jac_g` f
+    and g are empty: casadi asks for their places, and reads neither there.
     """
 
     nlp: Any

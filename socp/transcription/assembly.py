@@ -11,8 +11,8 @@ time's).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from typing import Any, final
 
 import casadi
@@ -27,16 +27,17 @@ from socp.transcription.entries import Entries, Lines
 @dataclass(frozen=True, eq=False)
 class Point:
     """A function of what holds at one point, w (nw, 1) to y (ny, 1), with its derivatives; built
-    once for every mesh that it is used on.
+    once for every mesh that it is used on, and for all `constants` (nc, 1) in it.
     """
 
     w: Expr
     y: Expr
+    constants: Expr = field(default_factory=partial(casadi.SX, 0, 1))
 
     @cached_property
     def value(self) -> casadi.Function:
-        """Return w -> y (ny, 1), dense."""
-        return casadi.Function("y", [self.w], [casadi.densify(self.y)])
+        """Return (w, constants) -> y (ny, 1), dense."""
+        return casadi.Function("y", [self.w, self.constants], [casadi.densify(self.y)])
 
     @cached_property
     def _at_many(self) -> dict[tuple[str, int], casadi.Function]:
@@ -60,8 +61,8 @@ class Point:
 
     @cached_property
     def slopes(self) -> casadi.Function:
-        """Return w -> y, and what is not zero in its slopes."""
-        return casadi.Function("slopes", [self.w], [casadi.densify(self.y), _entries(self._slopes)])
+        """Return (w, constants) -> what is not zero in the slopes of y."""
+        return casadi.Function("slopes", [self.w, self.constants], [_entries(self._slopes)])
 
     @cached_property
     def _mu(self) -> Expr:
@@ -78,8 +79,9 @@ class Point:
 
     @cached_property
     def curvature(self) -> casadi.Function:
-        """Return (w, mu (ny, 1)) -> what is not zero in the Hessian of mu . y."""
-        return casadi.Function("curvature", [self.w, self._mu], [_entries(self._curvature)])
+        """Return (w, constants, mu (ny, 1)) -> what is not zero in the Hessian of mu . y."""
+        given = [self.w, self.constants, self._mu]
+        return casadi.Function("curvature", given, [_entries(self._curvature)])
 
 
 def _pattern(matrix: Expr) -> tuple[np.ndarray, np.ndarray]:
@@ -96,7 +98,7 @@ def _entries(matrix: Expr) -> Expr:
 class Term:
     """A point function at K points: its arguments are E v (nw K,), a point's next to one
     another, and its values (ny K,) enter the rows by `out` (m, ny K) and the objective by `cost`
-    (ny K,).
+    (ny K,). Its `constants` are (nc, K).
     """
 
     point: Point
@@ -104,6 +106,7 @@ class Term:
     E: Entries
     out: Entries
     cost: np.ndarray
+    constants: np.ndarray
 
     @classmethod
     def joined(cls, parts: Sequence["Term"]) -> "Term":
@@ -120,20 +123,32 @@ class Term:
             Entries.joined((nw * count, n), E),
             Entries.joined((m, ny * count), out),
             np.concatenate([each.cost for each in parts]),
+            np.hstack([each.constants for each in parts]),
         )
+
+    def called(self, kind: str, w: Any, *more: Any) -> Any:
+        """Return a function of its points, by its name, at their arguments, a column each."""
+        return self.point.at(kind, self.count)(w, casadi.DM(self.constants), *more)
+
+    @cached_property
+    def entering(self) -> Entries:
+        """By what the values enter the rows and, as one more row, the objective."""
+        (m, count), here = self.out.shape, np.flatnonzero(self.cost)
+        cost = Entries((m + 1, count), np.full(here.size, m), here, self.cost[here])
+        return Entries.joined(cost.shape, [self.out, cost])
 
     @cached_property
     def arguments(self) -> Lines:
         """The rows of E."""
         return self.E.by_rows()
 
-    def products(self, out: Entries) -> tuple[np.ndarray, ...]:
-        """Return the entries of out F' E, rows, columns and factors, and which entries of the
-        slopes at the points they come with: a column of `out` and a row of E each.
+    def products(self) -> tuple[np.ndarray, ...]:
+        """Return the entries of O F' E, rows, columns and factors, and which entries of the
+        slopes at the points they come with, O being what it is `entering` by.
         """
         rows, columns = self.point.pattern
-        y, w = self._everywhere(rows, out.shape[1]), self._everywhere(columns, self.E.shape[0])
-        first, row, left = out.by_columns().expanded(y)
+        y, w = self._everywhere(rows, self.cost.size), self._everywhere(columns, self.E.shape[0])
+        first, row, left = self.entering.by_columns().expanded(y)
         second, column, right = self.arguments.expanded(w[first])
         return row[second], column, left[second] * right, first[second]
 
@@ -185,13 +200,8 @@ class Programme:
     @cached_property
     def _entering(self) -> casadi.DM:
         """Rows as a matrix on all values, and the objective as one more row."""
-        last, parts = self.A.shape[0], []
-        shape = last + 1, int(self._ends[1][-1])
-        for t, at in zip(self.terms, self._ends[1], strict=False):
-            here = np.flatnonzero(t.cost)
-            cost = Entries(shape, np.full(here.size, last), here + at, t.cost[here])
-            parts += [t.out.moved(0, at), cost]
-        return Entries.joined(shape, parts).matrix()
+        parts = [t.entering.moved(0, at) for t, at in zip(self.terms, self._ends[1], strict=False)]
+        return Entries.joined((self.A.shape[0] + 1, int(self._ends[1][-1])), parts).matrix()
 
     def _apart(self, values: Any, which: int) -> list[Any]:
         """Return all arguments (0) or values (1) term by term, a column a point."""
@@ -202,20 +212,15 @@ class Programme:
             for each, term in zip(parts, self.terms, strict=True)
         ]
 
-    def _whole(self, v: Any, values: Sequence[Any]) -> tuple[Any, Any]:
-        """Return objective (1, 1) and rows (m, 1) from variables and the values of all terms."""
-        m = self.A.shape[0]
-        found = casadi.mtimes(self._entering, casadi.vertcat(*map(casadi.vec, values)))
-        g = casadi.mtimes(self._linear, v) + found[:m]
-        return casadi.densify(found[m]), casadi.densify(g)
-
     def values(self, v: Any) -> tuple[Any, Any]:
         """Return objective (1, 1) and rows (m, 1) for variables v, as expressions of their kind."""
         return self._valued(v, self._apart(casadi.mtimes(self._given, v), 0))
 
     def _valued(self, v: Any, given: Sequence[Any]) -> tuple[Any, Any]:
-        values = [t.point.at("value", t.count)(w) for t, w in zip(self.terms, given, strict=True)]
-        return self._whole(v, values)
+        values = [t.called("value", w) for t, w in zip(self.terms, given, strict=True)]
+        found = casadi.mtimes(self._entering, casadi.vertcat(*map(casadi.vec, values)))
+        objective, m = found[self.A.shape[0]], self.A.shape[0]
+        return casadi.densify(objective), casadi.densify(casadi.mtimes(self._linear, v) + found[:m])
 
     @cached_property
     def derivatives(self) -> Derivatives:
@@ -224,29 +229,25 @@ class Programme:
         v, p = casadi.MX.sym("v", n), casadi.MX.sym("p", 0)
         lam_f, lam_g = casadi.MX.sym("lam_f"), casadi.MX.sym("lam_g", m)
         given = self._apart(casadi.mtimes(self._given, v), 0)
-        sloped = [t.point.at("slopes", t.count)(w) for t, w in zip(self.terms, given, strict=True)]
-        both, (_, g) = self._valued(v, given), self._whole(v, [y for y, _ in sloped])
+        f, g = self._valued(v, given)
         held = self._apart(casadi.mtimes(self._entering.T, casadi.vertcat(lam_g, lam_f)), 1)
         gradient, slopes = _Sum.of((n, 1)), _Sum.of((m, n))
         curvature = _Sum.of((n, n))
         A, one = self.A, np.zeros(self.A.rows.size, dtype=int)
         slopes.parts.append((A.rows, A.columns, A.values, one))
-        for term, w, (_, J), mu in zip(self.terms, given, sloped, held, strict=True):
-            cost = np.flatnonzero(term.cost)
-            zero, shape = np.zeros(cost.size, dtype=int), (1, term.cost.size)
-            in_cost = Entries(shape, zero, cost, term.cost[cost])
-            zero, columns, *rest = term.products(in_cost)
-            gradient.add(J, columns, zero, *rest)
-            slopes.add(J, *term.products(term.out))
+        for term, w, mu in zip(self.terms, given, held, strict=True):
+            J, (rows, columns, *rest) = term.called("slopes", w), term.products()
+            cost, none = rows == m, np.zeros(rows.size, dtype=int)
+            gradient.add(J, *(each[cost] for each in (columns, none, *rest)))
+            slopes.add(J, *(each[~cost] for each in (rows, columns, *rest)))
             if term.point.curved[0].size:
-                H = term.point.at("curvature", term.count)(w, mu)
-                curvature.add(H, *term.sandwiched())
-        at, names = [v, p], ["x", "p"]
+                curvature.add(term.called("curvature", w, mu), *term.sandwiched())
+        at, names, unread = [v, p], ["x", "p"], casadi.MX()
         steep, slope = casadi.densify(gradient.matrix()), slopes.matrix()
         return Derivatives(
-            nlp=casadi.Function("nlp", at, list(both), names, ["f", "g"]),
-            grad_f=casadi.Function("nlp_grad_f", at, [both[0], steep], names, ["f", "grad_f_x"]),
-            jac_g=casadi.Function("nlp_jac_g", at, [g, slope], names, ["g", "jac_g_x"]),
+            nlp=casadi.Function("nlp", at, [f, g], names, ["f", "g"]),
+            grad_f=casadi.Function("nlp_grad_f", at, [unread, steep], names, ["f", "grad_f_x"]),
+            jac_g=casadi.Function("nlp_jac_g", at, [unread, slope], names, ["g", "jac_g_x"]),
             hess_lag=casadi.Function(
                 "nlp_hess_l",
                 [*at, lam_f, lam_g],

@@ -3,7 +3,7 @@ solutions.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import accumulate
 from typing import final
@@ -20,6 +20,7 @@ from socp.model import (
     column,
     condition_slopes,
     end_symbols,
+    of_motion,
     once,
     time,
 )
@@ -28,7 +29,7 @@ from socp.transcription.assembly import Point
 from socp.transcription.grid import Given, Grid, Moments, Terms
 from socp.transcription.lifting import Layout, lift, push
 from socp.transcription.mesh import Mesh, Table, table, uniform
-from socp.transcription.phases import Phase, PhasedProblem, once_along
+from socp.transcription.phases import Phase, PhasedProblem, once_alike
 from socp.transcription.scaling import Scale
 
 __all__ = ["Mesh", "Table", "collocate", "table", "uniform"]
@@ -79,12 +80,7 @@ def laid_out(
     nlp = NLP(
         formula=cache(written),
         v_box=_box(layout) / layout.sizes,
-        g_box=np.hstack(
-            [
-                np.zeros((2, 0)),
-                *([low, high] for low, high in zip(rows.low, rows.high, strict=True)),
-            ]
-        ),
+        g_box=np.array([np.concatenate([[], *rows.low]), np.concatenate([[], *rows.high])]),
         binary=np.arange(grid.count) >= grid.count - binaries,
         unit=grid.scale.cost,
         derivatives=lambda: programme.derivatives,
@@ -144,7 +140,7 @@ def _dynamics(grid: Grid, rows: _Rows, terms: Terms, k: int, defects: slice) -> 
     problem, t, phase = grid.phased.of, grid.tables[k], grid.phased.phases[k]
     at, nz = t.collocated, phase.carried.numel() + problem.x.numel()
     laws = _laws(grid, k)
-    point = _motion(problem, phase, tuple(row for row, *_ in laws))
+    point, constants = _motion(problem, phase, [row for row, *_ in laws])
     ny, K = point.y.numel(), at.size
     B, of = t.B.chosen(t.weights[t.B.columns] > 0), np.arange(nz)[:, None]
     row = defects.start + nz * B.rows[None, :] + of
@@ -171,7 +167,7 @@ def _dynamics(grid: Grid, rows: _Rows, terms: Terms, k: int, defects: slice) -> 
     ]
     given += [grid.p[:, None], grid.Z[k][:, None], grid.lengths[k : k + 1, None]]
     rows_, places, factors = (np.concatenate(each) for each in zip(*entries, strict=True))
-    terms.add(point, given, (rows_, places, factors), cost.ravel())
+    terms.add(point, given, (rows_, places, factors), cost.ravel(), constants)
 
 
 def _hold(grid: Grid, rows: _Rows, k: int) -> None:
@@ -206,18 +202,26 @@ def _laws(grid: Grid, k: int) -> list[tuple[Expr, float, float, float]]:
     return [*found, *((*row, 1.0) for row in (phase.choice.along if phase.choice else ()))]
 
 
-def _motion(problem: Problem, phase: Phase, laws: tuple[Expr, ...]) -> Point:
+@of_motion
+def _motion(problem: Problem, phase: Phase, laws: Sequence[Expr]) -> tuple[Point, list[float]]:
     """Return a phase's rates and running cost, each times its length, and its laws as a function
-    of x, free, carried, t, p, z and the length.
+    of x, free, carried, t, p, z and the length, with the constants among its controls: phases that
+    differ in these alone share it. A control that is 0 stays, as it leaves entries out.
     """
+    control = casadi.vertsplit(phase.control)
+    at = [i for i, law in enumerate(control) if law.is_constant() and not law.is_zero()]
+    constants = casadi.vertcat(casadi.SX(0, 1), *(problem.u[i] for i in at))
+    opened = column(problem.u[i] if i in at else law for i, law in enumerate(control))
+    whole = replace(phase, control=opened)
 
     def made() -> Point:
-        rate, running = phase.flow(problem)
+        rate, running = whole.flow(problem)
         h = casadi.SX.sym("h")
         w = casadi.vertcat(problem.x, phase.free, phase.carried, time, problem.p, phase.z, h)
-        return Point(w, casadi.vertcat(h * rate, h * phase.carried_rate, h * running, *laws))
+        y = casadi.vertcat(h * rate, h * phase.carried_rate, h * running, *laws)
+        return Point(w, y, constants)
 
-    return once_along(problem, phase, _motion, made, len(laws))
+    return once_alike(problem, whole, _motion, made, laws), [float(control[i]) for i in at]
 
 
 def _closed(phased: PhasedProblem, first: list[int], name: str) -> np.ndarray:

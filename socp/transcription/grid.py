@@ -123,7 +123,7 @@ class Terms:
     """Collects the terms of a programme on a grid, those of one point function together."""
 
     grid: Grid
-    found: dict[Point, list[tuple[int, Entries, tuple[np.ndarray, ...], np.ndarray]]]
+    found: dict[Point, list[tuple[int, Entries, tuple[np.ndarray, ...], np.ndarray, np.ndarray]]]
 
     def add(
         self,
@@ -131,17 +131,19 @@ class Terms:
         given: Sequence[Given],
         out: tuple[np.ndarray, np.ndarray, np.ndarray],
         cost: np.ndarray | None = None,
+        constants: Sequence[float] = (),
     ) -> None:
-        """Add a point function at as many points as are given: the values (ny K,), a point's next
-        to one another, enter the rows by entries `out`, rows, places among the values and factors,
-        and the objective by `cost` (ny K,).
+        """Add a point function of given `constants` at as many points as are given: the values (ny
+        K,), a point's next to one another, enter the rows by entries `out`, rows, places among the
+        values and factors, and the objective by `cost` (ny K,).
         """
         sizes = [each.k.size if isinstance(each, Moments) else each.shape[1] for each in given]
         count = max(sizes) if all(sizes) else 0
         weights = np.zeros(point.y.numel() * count) if cost is None else cost
         if count and point.y.numel():
             known = self.found.setdefault(point, [])
-            known.append((count, self._linear(given, count), out, weights))
+            columns = np.repeat(np.reshape(constants, (-1, 1)), count, axis=1)
+            known.append((count, self._linear(given, count), out, weights, columns))
 
     def _linear(self, given: Sequence[Given], count: int) -> Entries:
         """Return E (nw K, n): a point's arguments next to one another."""
@@ -183,8 +185,8 @@ class Terms:
         terms = [
             Term.joined(
                 [
-                    Term(point, count, E, Entries((rows, cost.size), *out), cost)
-                    for count, E, out, cost in parts
+                    Term(point, count, E, Entries((rows, cost.size), *out), cost, constants)
+                    for count, E, out, cost, constants in parts
                 ]
             )
             for point, parts in self.found.items()

@@ -7,8 +7,8 @@ The formula is that of Dormand and Prince (Hairer, Norsett, Wanner, Solving ODEs
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, final
+from functools import cached_property, partial
+from typing import final
 
 import casadi
 import numpy as np
@@ -16,9 +16,7 @@ import numpy as np
 from socp.model import (
     Expr,
     Problem,
-    cached,
     column,
-    identity,
     numbers,
     of_motion,
     repeated,
@@ -26,7 +24,7 @@ from socp.model import (
 )
 from socp.transcription.dormand_prince import stage_points
 from socp.transcription.kinks import kinks
-from socp.transcription.phases import Phase, once_along
+from socp.transcription.phases import Phase, once_alike, once_along
 
 _END = 12  # the stage that is the end of a step
 
@@ -246,10 +244,4 @@ def motion_of(problem: Problem, phase: Phase) -> Motion:
 def _flow_of(problem: Problem, phase: Phase) -> Flow:
     """Return the flow along a phase's law, shared with those that differ in constants alone."""
     whole = replace(phase, control=opened(problem, phase.control))
-    told = casadi.vertcat(whole.control, whole.carried, whole.carried_rate)
-    # with the flow its expressions stay, by whose places in memory they are told apart
-    key = phase.when, *identity(told)
-    known: dict[tuple[Any, ...], Flow] = cached(problem, _flow_of)
-    if key not in known:
-        known[key] = Flow(problem, whole)
-    return known[key]
+    return once_alike(problem, whole, _flow_of, partial(Flow, problem, whole))

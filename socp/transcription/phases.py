@@ -19,6 +19,7 @@ from socp.model import (
     Word,
     cached,
     column,
+    identity,
     of_motion,
     once,
     time,
@@ -256,4 +257,25 @@ def once_along(
     key = phase.modes, phase.when, *more
     if key not in known or not casadi.is_equal(known[key][0], phase.control):
         known[key] = phase.control, make()
+    return known[key][1]
+
+
+def once_alike(
+    problem: Problem,
+    phase: Phase,
+    function: Callable[..., Any],
+    make: Callable[[], Made],
+    rows: Sequence[Expr] = (),
+) -> Made:
+    """Return what a function makes of a phase, and of rows of expressions: once for all arcs
+    between two knots on which these, the controls and what is carried are the same expressions,
+    whatever their modes; anew where it has a choice.
+    """
+    if phase.choice is not None:
+        return make()
+    known: dict[tuple[Any, ...], tuple[Expr, Made]] = cached(problem, function)
+    told = casadi.vertcat(phase.control, phase.free, phase.carried, phase.carried_rate, *rows)
+    key = phase.when, *identity(told)
+    if key not in known:
+        known[key] = told, make()  # kept with it, told apart as they are by their places in memory
     return known[key][1]

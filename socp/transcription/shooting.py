@@ -370,8 +370,7 @@ def _joined(shooting: Shooting) -> tuple[casadi.Function, casadi.Function]:
     nx, (t0, lengths, p, z) = shooting.phased.of.x.numel(), shooting.parts
     rows: list[Expr] = []
     for k, held in enumerate(shooting.held):
-        rows += [z[k][:nx, 0] - z[k - 1][:nx, -1]] if k else []
-        rows.append(held)
+        rows += [*([z[k][:nx, 0] - z[k - 1][:nx, -1]] if k else []), held]
     equations = casadi.vertcat(*rows, shooting.at_ends)
     ends = [z[-1][:nx, -1], z[0][:nx, 0], p, t0, t0 + casadi.sum1(lengths)]
     w, by = shooting.w, casadi.MX.sym("l", shooting.others.size)
