@@ -11,7 +11,7 @@ import numpy as np
 from socp.laws import probes
 from socp.laws.algebra import cramer, determinant, ratio
 from socp.laws.brackets import extended_costate
-from socp.laws.setting import Setting, common_factor
+from socp.laws.setting import Contact, Setting, common_factor
 from socp.laws.singular import Derivatives, matrix_of
 from socp.model import Expr, column
 
@@ -91,6 +91,21 @@ def feedback(setting: Setting, chain: Derivatives) -> Feedback | None:
     return None
 
 
+def serves(setting: Setting, touch: Contact, chain: Derivatives, known: Feedback) -> bool:
+    """Tell whether a feedback that was derived with constant controls left open holds on an arc
+    that gives them values: it holds none of them, and at the arc's points it is the control that
+    the costates there give.
+    """
+    problem = setting.problem
+    values = zip(casadi.vertsplit(problem.u), touch.control.elements(), strict=True)
+    if casadi.depends_on(known.control, column(u for u, value in values if value.is_constant())):
+        return False
+    z = extended_costate(problem)
+    parts = casadi.vertcat(*(row for line in chain.slopes for row in line), *chain.rest)
+    laws, values = probes.evaluator(problem, known.control, casadi.mtimes(parts, z))(chain.points)
+    return _same(setting, _solved(values), laws[:, :, 0])
+
+
 def surface(setting: Setting, chain: Derivatives) -> Expr:
     """Return equations (m, 1) in x, t, p alone that hold on the arc: elsewhere the conditions leave
     no costate.
@@ -119,6 +134,13 @@ def _independent(setting: Setting, sampled: _Sampled) -> bool:
     parts, conditions = sampled.parts[finite], sampled.conditions[finite]
     other = _others(conditions, sampled.of_rows, sampled.of_z)
     own, laws = (_solved(parts @ z[:, :, None]) for z in (sampled.z[finite], other))
+    return _same(setting, own, laws)
+
+
+def _same(setting: Setting, own: np.ndarray, laws: np.ndarray) -> bool:
+    """Tell whether two values (n, s) of the singular controls are one at most points where both are
+    numbers.
+    """
     known = np.isfinite(own).all(axis=1) & np.isfinite(laws).all(axis=1)
     own, laws = own[known], laws[known]
     width = np.ptp(setting.problem.box[:, list(setting.singular)], axis=0)

@@ -19,7 +19,7 @@ from socp.laws.brackets import extended_costate
 from socp.laws.contacts import constraint_of
 from socp.laws.links import LostError
 from socp.laws.setting import Contact, Setting, contact, equations
-from socp.laws.singular import Derivatives, at_values, derivatives, matrix_of
+from socp.laws.singular import Derivatives, along_constraints, at_values, derivatives, matrix_of
 from socp.model import Expr, Mode, Modes, Problem, cached, column, of_motion, once
 from socp.process import in_time
 
@@ -42,12 +42,15 @@ class ArcPrinciple:
       (nx, 1);
     - legendre_clebsch (s, s) over the singular controls must be positive semidefinite;
     - equations (e, 1): all that vanishes on the arc, H = const included; points (nv, n)
-      (`socp.laws.probes`) satisfy them.
+      (`socp.laws.probes`) satisfy them;
+    - without_costate: the singular controls of the feedback; `general` is the arc with its constant
+      controls left open, of which the chain was derived, and whose law serves where it holds.
     """
 
     setting: Setting
     touch: Contact
     chain: Derivatives | None = None
+    general: "ArcPrinciple | None" = None
 
     @cached_property
     def control(self) -> Expr:
@@ -59,13 +62,15 @@ class ArcPrinciple:
         """The controls (nu, 1) without the costate, None where there is no such law."""
         if self.chain is None:
             return self.touch.control
-        found = self._eliminated
+        found = self.without_costate
         return None if found is None else self._put(self.touch.control, found.control)
 
     @property
     def hamiltonian(self) -> bool:
         """Tell whether the feedback needs the known value of H."""
-        return self.chain is not None and bool(self._eliminated and self._eliminated.hamiltonian)
+        return self.chain is not None and bool(
+            self.without_costate and self.without_costate.hamiltonian
+        )
 
     @cached_property
     def orders(self) -> dict[str, int]:
@@ -144,10 +149,13 @@ class ArcPrinciple:
         return eliminate.with_costate(self.setting, self.chain)
 
     @cached_property
-    def _eliminated(self) -> eliminate.Feedback | None:
+    def without_costate(self) -> eliminate.Feedback | None:
         """The singular controls without the costate."""
         if self.chain is None:
             return None
+        shared = None if self.general is None else self.general.without_costate
+        if shared is not None and eliminate.serves(self.setting, self.touch, self.chain, shared):
+            return shared
         in_time(self.setting.name())
         return eliminate.feedback(self.setting, self.chain)
 
@@ -255,8 +263,13 @@ def _found(problem: Problem, modes: Modes, constant: bool) -> ArcPrinciple | Met
         if setting.singular:
             in_time(setting.name(), _LONGER * spent.get((modes, constant), 0.0))
         touch = contact(setting)
-        chain = _chain(setting, touch, modes, _tried(problem).get((modes, constant)))
-        return ArcPrinciple(setting, touch, chain)
+        if not setting.singular:
+            return ArcPrinciple(setting, touch)
+        known = _known(setting, touch, modes)
+        if known is not None:
+            return ArcPrinciple(setting, touch, known[1], known[0])
+        tried = _tried(problem).get((modes, constant))
+        return ArcPrinciple(setting, touch, derivatives(setting, touch, tried))
     except LateError:  # what is not known for want of time is not known to be none
         took = time.monotonic() - began
         spent[modes, constant] = max(took, spent.get((modes, constant), 0.0))
@@ -266,20 +279,22 @@ def _found(problem: Problem, modes: Modes, constant: bool) -> ArcPrinciple | Met
         return error
 
 
-def _chain(setting: Setting, touch: Contact, modes: Modes, tried: int | None) -> Derivatives | None:
-    """Return the derivatives on an arc with singular controls, None on others.
-
-    They are those with the bang controls left open, the values of these put in, wherever that
-    determines the singular controls too: one derivation serves all bounds. From so many sets of
-    noted points they were not found before, nor from random ones.
+def _known(
+    setting: Setting, touch: Contact, modes: Modes
+) -> tuple[ArcPrinciple, Derivatives] | None:
+    """Return the arc with the constant controls of this one left open, and what was derived on it
+    with their values put in, wherever that determines the singular controls too: one derivation
+    serves all bounds, and the constraints on which a law turns out to be a number.
     """
-    if not setting.singular:
+    general, put = bangs_open(modes), at_values
+    if general == modes and all(touch.control[i].is_constant() for i in setting.boundary):
+        general = tuple(mode if mode.kind == "singular" else Mode("free") for mode in modes)
+        put = along_constraints
+    if general == modes or setting.varying.numel():
         return None
-    general = bangs_open(modes)
-    if general != modes and not setting.varying.numel():
-        with suppress(MethodError):
-            known = arc(setting.problem, general, constant=True)
-            found = known.chain and at_values(known.chain, setting, touch)
-            if found is not None:
-                return found
-    return derivatives(setting, touch, tried)
+    with suppress(MethodError):
+        known = arc(setting.problem, general, constant=True)
+        found = known.chain and put(known.chain, setting, touch)
+        if found is not None:
+            return known, found
+    return None

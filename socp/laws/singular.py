@@ -73,21 +73,21 @@ def derivatives(setting: Setting, touch: Contact, tried: int | None = None) -> D
 
 
 def at_values(chain: Derivatives, setting: Setting, touch: Contact) -> Derivatives | None:
-    """Return what was derived for constant controls with the values that a setting gives them, None
+    """Return what was derived for constant controls with the values that an arc gives them, None
     where it says less there: at too few points of its surface are the singular controls determined,
     and no factor that was divided by vanishes.
     """
     problem, k = setting.problem, len(setting.singular)
     lines = [*chain.rows, *chain.rest, *(each for line in chain.slopes for each in line)]
     whole, factors = casadi.substitute(
-        [casadi.vertcat(*lines), casadi.vertcat(*chain.factors)], [problem.u], [setting.given]
+        [casadi.vertcat(*lines), casadi.vertcat(*chain.factors)], [problem.u], [touch.control]
     )
     rows = casadi.vertsplit(casadi.sparsify(whole))
     first, factors = len(chain.rows), casadi.vertsplit(factors)
     slopes = [rows[first + (i + 1) * k : first + (i + 2) * k] for i in range(k)]
     points = chain.points.copy()
-    known = [i for i in range(problem.u.numel()) if setting.given[i].is_constant()]
-    points[[i - problem.u.numel() for i in known]] = [[float(setting.given[i])] for i in known]
+    known = {i: float(e) for i, e in enumerate(touch.control.elements()) if e.is_constant()}
+    points[[i - problem.u.numel() for i in known]] = [[value] for value in known.values()]
     own = equations(setting, touch, rows[:first])
     points = probes.onto(problem, own, points, interior=not setting.boundary)
     matrix = probes.evaluator(
@@ -105,6 +105,22 @@ def at_values(chain: Derivatives, setting: Setting, touch: Contact) -> Derivativ
     return replace(
         chain, rows=rows[:first], rest=rest, slopes=slopes, factors=factors, points=there
     )
+
+
+def along_constraints(chain: Derivatives, setting: Setting, touch: Contact) -> Derivatives | None:
+    """Return what was derived for constant controls where some of them are so on state constraints,
+    None where it says less there, or something else.
+
+    lambda' = -H_x - sum mu dc/dx differs from what it was derived with in the multipliers alone:
+    they leave the derivatives of rows that have no part along any dc/dx as they are.
+    """
+    problem = setting.problem
+    slopes = casadi.jacobian(column(c.expression for c in setting.boundary.values()), problem.x)
+    pulls = casadi.mtimes(casadi.vertcat(*chain.rows)[:, : problem.x.numel()], slopes.T)
+    if casadi.sparsify(pulls).nnz():
+        return None
+    held = [common_factor(row)[1] for row in touch.rows]
+    return at_values(replace(chain, rows=[*held, *chain.rows]), setting, touch)
 
 
 def _sources(problem: Problem, tried: int | None) -> Iterator[np.ndarray]:

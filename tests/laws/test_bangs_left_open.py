@@ -16,6 +16,7 @@ from socp.model.word import Mode, Modes
 x, y, z = states("x y z")
 u, w = controls("u w")
 LOWER, UPPER = (tuple(map(Mode.parse, ("s", each))) for each in "-+")
+ON_TOP: Modes = (Mode("singular"), Mode("boundary", "z.upper"))
 
 
 def problem(**given: Any) -> Problem:
@@ -106,7 +107,61 @@ def test_laws_of_the_same_operations_are_one_expression() -> None:
         dynamics={x: u, y: x, z: w},
         bounds={u: (-9, 9), w: (-1, 1), z: (None, 2)},
     )
-    kept = (Mode.parse("s"), Mode.parse("b[z.upper]"))
-    one, other = (laws.arc_law(own, modes).control for modes in (LOWER, kept))
+    one, other = (laws.arc_law(own, modes).control for modes in (LOWER, ON_TOP))
     assert float(other[1]) == 0.0
     assert one[0].element_hash() == other[0].element_hash()
+
+
+def kept(lift: Any, **given: Any) -> Problem:
+    """Return x' = u, y' = x, z' = `lift` with z <= 1, on which w is to be a number."""
+    fields: dict[str, Any] = {"bounds": {u: (-9, 9), w: (-3, 3), z: (None, 1)}, **given}
+    fields["start"] = {x: 1, y: 1, z: 0}
+    return problem(dynamics={x: u, y: x, z: lift}, **fields)
+
+
+def on_top(own: Problem, at: tuple[float, float]) -> float:
+    """Return the singular control on z = 1, where what was derived holds at the points found."""
+    found = laws.extremal_arc(own, ON_TOP)
+    assert np.allclose(sampled.evaluator(own, found.equations)(found.points)[0], 0, atol=1e-8)
+    assert found.feedback is not None
+    return float(casadi.Function("law", [own.x], [found.feedback[0]])((*at, 1.0)))
+
+
+def test_one_derivation_serves_a_constraint_on_which_a_control_is_a_number(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """sigma_u'' = u - y whatever w is: the multiplier is in lambda_z' alone."""
+    own, calls = kept(w - 2, running=x**2 / 2 + y**2 / 2), counted(monkeypatch)
+    assert on_top(own, (0.3, 0.8)) == pytest.approx(0.8, rel=1e-12)
+    assert laws.extremal_arc(own, ON_TOP).orders == {"u": 1, "z.upper": 1}
+    assert float(laws.arc_law(own, ON_TOP).control[1]) == 2.0
+    assert laws.derive(own, ("u",)).orders == {"u": 1}
+    assert len(calls) == 1
+
+
+def test_a_law_that_holds_the_control_is_worked_out_with_its_number(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Sigma_u'' = w u - y, with w = 2 where z is held."""
+    own, calls = kept(w - 2, running=w * x**2 / 2 + y**2 / 2), counted(monkeypatch)
+    assert on_top(own, (0.3, 0.8)) == pytest.approx(0.4, rel=1e-12)
+    assert len(calls) == 1
+
+
+def test_a_constraint_whose_number_makes_the_order_another_has_a_derivation_of_its_own() -> None:
+    """With w = 0 on z = 1 nothing is left of sigma_u'' = w u - y but y."""
+    own = kept(w, running=w * x**2 / 2 + y**2 / 2)
+    assert laws.derive(own, ("u",)).orders == {"u": 1}
+    assert laws.extremal_arc(own, ON_TOP).orders == {"u": 2, "z.upper": 1}
+
+
+def test_a_multiplier_that_enters_a_derivative_has_a_derivation_of_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """sigma_u' = -x - lambda_y - 2 x (z - 1) lambda_z holds the costate that the multiplier drives;
+    on z = 1 the control is y all the same.
+    """
+    own = kept(w + (z - 1) * x**2, running=x**2 / 2 + y**2 / 2)
+    calls = counted(monkeypatch)
+    assert on_top(own, (0.3, 0.8)) == pytest.approx(0.8, rel=1e-12)
+    assert len(calls) == 2
