@@ -97,8 +97,8 @@ def serves(setting: Setting, touch: Contact, chain: Derivatives, known: Feedback
     the costates there give.
     """
     problem = setting.problem
-    values = zip(casadi.vertsplit(problem.u), touch.control.elements(), strict=True)
-    if casadi.depends_on(known.control, column(u for u, value in values if value.is_constant())):
+    both = zip(casadi.vertsplit(problem.u), touch.control.elements(), strict=True)
+    if casadi.depends_on(known.control, column(u for u, value in both if value.is_constant())):
         return False
     z = extended_costate(problem)
     parts = casadi.vertcat(*(row for line in chain.slopes for row in line), *chain.rest)

@@ -195,9 +195,9 @@ class Problem:
         if plain and self.first is not self:
             return portable.revalued(self.first.statement, vars(self))
         found = portable.written(vars(self), self.symbols)
-        if "formula" in found and _read_back(found) is None:
-            return {k: v for k, v in found.items() if k != "formula"}
-        return found
+        if self.formula is None or portable.faithful(found, self.symbols, self.formula):
+            return found
+        return {k: v for k, v in found.items() if k != "formula"}
 
     @property
     def fingerprint(self) -> str:
@@ -384,17 +384,9 @@ class Problem:
 )  # symbols are never forgotten: the same statement read again gives the same problem
 def _restored(text: str) -> Problem:
     statement = json.loads(text)
-    problem = _read_back(statement)
-    if problem is None:
-        raise ProblemError("formula: with its constants' values it is another problem")
-    return problem
-
-
-def _read_back(statement: Mapping[str, Any]) -> Problem | None:
-    """Return the problem of a statement, None where its formula gives another than it states."""
     problem = Problem(**portable.arguments(statement))
     if problem.formula is not None:
         own = portable.written(vars(problem), problem.symbols)
         if own["fingerprint"] != statement["fingerprint"]:
-            return None
+            raise ProblemError("formula: with its constants' values it is another problem")
     return problem

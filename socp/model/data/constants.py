@@ -115,9 +115,9 @@ def formula_of(arguments: Mapping[str, Any], known: Formula | None) -> Formula |
     values = {s: _DECLARED[s].value for s in symbols_of("constant") if s in used}
     if known is not None:
         values |= {symbol: value for symbol, value in known.values.items() if symbol in values}
-    valued = {path: _valued(leaf, values) for path, leaf in leaves.items()}
+    numbers = {path: valued(leaf, values) for path, leaf in leaves.items()}
     names = dict.fromkeys(path[0] for path in leaves)
-    return Formula(values, leaves, planted({name: arguments[name] for name in names}, valued))
+    return Formula(values, leaves, planted({name: arguments[name] for name in names}, numbers))
 
 
 def numbers_in(value: Any) -> Any:
@@ -183,7 +183,7 @@ def _planted(value: Any, path: Path, leaf: Any) -> Any:
     return parts if isinstance(value, Mapping) else tuple(parts.values())
 
 
-def _valued(expression: Expr, values: Mapping[Expr, float]) -> Any:
+def valued(expression: Expr, values: Mapping[Expr, float]) -> Any:
     """Return an expression with constants' values in place, as a number where it is one."""
     found = casadi.substitute(expression, column(values), casadi.DM(list(values.values())))
     if found.is_scalar() and found.is_constant() and not is_logical(expression):

@@ -12,7 +12,7 @@ import numpy as np
 
 from socp.errors import ProblemError
 from socp.model.data import grammar, stated
-from socp.model.data.constants import Constant, Formula, constants, planted
+from socp.model.data.constants import Constant, Formula, constants, planted, valued
 from socp.model.parts import Reference, Scene
 from socp.model.ranges import interval
 from socp.model.symbols import (
@@ -51,8 +51,16 @@ def written(problem: Mapping[str, Any], symbols: Symbols) -> Data:
 
 
 def _data(problem: Mapping[str, Any], symbols: Symbols) -> Data:
-    parts, names = dict(expressions(problem)), by_name(symbols)
-    nodes, places = grammar.written(list(parts.values()), names)
+    names, data = by_name(symbols), _defining(problem, symbols)
+    head = {"fingerprint": stated.fingerprint(data), "name": problem["name"]}
+    formula = {} if problem["formula"] is None else _formula(problem["formula"], names)
+    return {**head, **data, "about": _about(problem, names), **formula}
+
+
+def _defining(problem: Mapping[str, Any], symbols: Symbols) -> Data:
+    """Return what of a statement its fingerprint is of."""
+    parts = dict(expressions(problem))
+    nodes, places = grammar.written(list(parts.values()), by_name(symbols))
     at = dict(zip(parts, places, strict=True))
     data: Data = {
         **{kind: [symbol.name() for symbol in its] for kind, its in symbols.items()},
@@ -66,10 +74,19 @@ def _data(problem: Mapping[str, Any], symbols: Symbols) -> Data:
             data[table][keys[0]] = place
         elif keys:
             data[table].setdefault(keys[0], {})[keys[1]] = place
-    data |= _numbers(problem)
-    head = {"fingerprint": stated.fingerprint(data), "name": problem["name"]}
-    formula = {} if problem["formula"] is None else _formula(problem["formula"], names)
-    return {**head, **data, "about": _about(problem, names), **formula}
+    return data | _numbers(problem)
+
+
+def faithful(data: Mapping[str, Any], symbols: Symbols, formula: Formula) -> bool:
+    """Tell whether a statement of a problem in these symbols, read back with its formula and the
+    values of the constants put in, is written as the same again.
+    """
+    names = by_name(symbols)
+    own = {symbol.name(): symbol for symbol in formula.values}
+    leaves = _leaves(data["formula"], {**names, **own})
+    values = {path: valued(leaf, formula.values) for path, leaf in leaves.items()}
+    again = _defining(planted(_plain(data, names), values), symbols)
+    return bool(stated.fingerprint(again) == data["fingerprint"])
 
 
 def revalued(known: Mapping[str, Any], problem: Mapping[str, Any]) -> Data:
@@ -98,6 +115,19 @@ def arguments(data: Mapping[str, Any]) -> Data:
         **{name: parameters(name) for name in data["parameters"]},
     }
     symbols = {**declared, **_fixed([declared[name] for name in data["states"]])}
+    found, formula = _plain(data, symbols), data.get("formula")
+    if formula is None:
+        return found
+    parts = [each.name for each in fields(Constant)]
+    given = {name: [each[p] for p in parts] for name, each in formula["constants"].items()}
+    own = {name: constants(**{name: each}) for name, each in given.items()}
+    return planted(found, _leaves(formula, {**symbols, **own}))
+
+
+def _plain(data: Mapping[str, Any], symbols: Mapping[str, Expr]) -> Data:
+    """Return the arguments of `Problem` that a statement stands for in given symbols, the values of
+    constants in their places.
+    """
     nodes = grammar.read(data["nodes"], symbols)
     found: Data = {
         each: None if data[each] is None else nodes[data[each]] for each in ("minimise", "running")
@@ -112,9 +142,7 @@ def arguments(data: Mapping[str, Any]) -> Data:
         found[table] = {symbols[name]: _placed(value, nodes) for name, value in data[table].items()}
     for table in ("path", "target"):
         found[table] = {name: nodes[place] for name, place in data[table].items()}
-    found = {"name": data["name"], **found, **_described(data["about"], symbols)}
-    formula = data.get("formula")
-    return found if formula is None else _with_constants(found, formula, symbols)
+    return {"name": data["name"], **found, **_described(data["about"], symbols)}
 
 
 def expressions(problem: Mapping[str, Any]) -> Iterator[tuple[Place, Expr]]:
@@ -160,16 +188,10 @@ def _formula(formula: Formula, symbols: Mapping[str, Expr]) -> Data:
     return {"formula": found}
 
 
-def _with_constants(found: Data, formula: Mapping[str, Any], symbols: Mapping[str, Expr]) -> Data:
-    """Return the arguments of `Problem` with what was written with constants in its places, in new
-    symbols.
-    """
-    parts = [each.name for each in fields(Constant)]
-    given = {name: [each[p] for p in parts] for name, each in formula["constants"].items()}
-    own = {name: constants(**{name: each}) for name, each in given.items()}
-    nodes = grammar.read(formula["nodes"], {**symbols, **own})
-    leaves = {tuple(path): nodes[place] for path, place in formula["places"]}
-    return planted(found, leaves)
+def _leaves(formula: Mapping[str, Any], symbols: Mapping[str, Expr]) -> dict[Place, Expr]:
+    """Return what was written with constants, by its place in the problem, in given symbols."""
+    nodes = grammar.read(formula["nodes"], symbols)
+    return {tuple(path): nodes[place] for path, place in formula["places"]}
 
 
 def _intervals(table: Mapping[Expr, Any]) -> Data:
