@@ -75,7 +75,7 @@ def silent_costates(problem: Problem) -> list[int]:
     no end among it.
     """
     matter = that_matter(problem)
-    return [k for k, state in enumerate(casadi.vertsplit(problem.x)) if state not in matter]
+    return [k for k, state in enumerate(casadi.vertsplit(problem.x)) if hash(state) not in matter]
 
 
 @of_motion

@@ -294,12 +294,13 @@ def _newton(
     """
     with np.errstate(all="ignore"):
         scaled = slope * weight.T[:, None, :]
-        terms = np.abs(scaled).sum(axis=2)
-        arrived = (np.abs(value) <= _CLOSE * terms).all(axis=1)
+        terms, off = np.abs(scaled).sum(axis=2), np.abs(value)
+        arrived = (off <= _CLOSE * terms).all(axis=1)
         rows = np.where(terms > 0, terms, 1.0)
-        finite = np.isfinite(value).all(axis=1) & np.isfinite(scaled).all(axis=(1, 2))
-        matrix = np.where(finite[:, None, None], scaled / rows[:, :, None], 0.0)
-        right = np.where(finite[:, None], value / rows, 0.0)
+        matrix, right = scaled / rows[:, :, None], value / rows
+        finite = np.isfinite(off + terms).all(axis=1)  # what is not in a row is not in its sum
+        if not finite.all():
+            matrix[~finite], right[~finite] = 0.0, 0.0
         step = -_least(matrix, right)
         length = np.sqrt(np.square(step).sum(axis=1, keepdims=True))
         step *= np.minimum(1.0, 1.0 / np.maximum(_INERTIA * length, TINY))
@@ -314,8 +315,8 @@ def _least(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     to tell the dependence of rows from rounding.
     """
     square = matrix @ matrix.transpose(0, 2, 1)
-    rows = np.arange(matrix.shape[1])
-    square[:, rows, rows] += square[:, rows, rows] == 0  # a row of nothing asks for nothing
+    diagonal = np.einsum("nii->ni", square)
+    diagonal += diagonal == 0  # a row of nothing asks for nothing
     try:
         inverse = np.linalg.inv(square)
     except np.linalg.LinAlgError:  # of one of them: it does not say of which

@@ -251,25 +251,23 @@ def _acting(problem: "Problem") -> None:
             raise ProblemError(f"control '{name}' does nothing: {what}; leave it out")
 
 
-def that_matter(problem: "Problem") -> set[Expr]:
-    """Return the symbols that matter.
+def that_matter(problem: "Problem") -> set[int]:
+    """Return the symbols that matter, by their hashes: casadi would compare them as expressions.
 
     What matters is the cost, a state with an end or a bound, and the conditions; what moves one of
     these matters too.
     """
-    matters = [problem.lagrangian, problem.mayer]
-    matters += [c.expression for c in problem.constraints] + [
-        c.expression for c in problem.conditions
-    ]
-    seen = {s for e in matters for s in casadi.symvar(e)} | {*problem.end}
-    known: set[Expr] = set()
-    while known != seen:
-        known = set(seen)
-        seen |= {
-            s
-            for state in known & {*problem.dynamics}
-            for s in casadi.symvar(expression(problem.dynamics[state]))
-        }
+    parts = [problem.lagrangian, problem.mayer]
+    parts += [constraint.expression for constraint in problem.constraints]
+    parts += [condition.expression for condition in problem.conditions]
+    rates = {hash(state): expression(rate) for state, rate in problem.dynamics.items()}
+    left = [*map(hash, casadi.symvar(casadi.vertcat(*parts))), *map(hash, problem.end)]
+    seen = set(left)
+    while left:
+        rate = rates.get(left.pop())
+        more = set() if rate is None else {*map(hash, casadi.symvar(rate))} - seen
+        left += more
+        seen |= more
     return seen
 
 
@@ -300,7 +298,7 @@ def _controlled(problem: "Problem") -> None:
         raise ProblemError(f"{place}: {what}")
     seen = that_matter(problem)
     for control in casadi.vertsplit(problem.u):
-        if control not in seen:
+        if hash(control) not in seen:
             what = (
                 "it moves neither the objective nor a state that has an end, a bound or a part "
                 "in another's rate"
