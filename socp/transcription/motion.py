@@ -17,6 +17,7 @@ from socp.model import (
     Expr,
     Problem,
     column,
+    lately,
     numbers,
     of_motion,
     repeated,
@@ -212,8 +213,13 @@ class Sweep:
 
     def bent(self, held: np.ndarray, stride: int = 1) -> np.ndarray:
         """Return the Hessians (n, nz + 2 + np,) twice, by the same, of the running cost and z times
-        multipliers held (nz, n): those of steps as long as `stride` together.
+        multipliers held (nz, n): those of steps as long as `stride` together. They are kept for the
+        last multipliers.
         """
+        make = partial(self._bent, held, stride)
+        return lately(self, Sweep.bent, (held.tobytes(), stride), make)
+
+    def _bent(self, held: np.ndarray, stride: int) -> np.ndarray:
         n, steps, ny, count = self.begun.shape
         together = math.gcd(stride, steps)
         later = self.returned(held)[:, together - 1 :: together]

@@ -16,14 +16,16 @@ import numpy as np
 from socp.model import TINY, Problem, numbers, parameters_of
 from socp.transcription import Shooting
 from socp.verdict.minimum.induced import WEAK, Induced
-from socp.verdict.minimum.stages import gauss, halved, lowered, pieces
+from socp.verdict.minimum.stages import gauss, halved, lowered, pieces, spread
 from socp.verdict.minimum.variation import Quadratic, reference, singular_places
 
 _NODES = 5  # Gauss points of a piece: the motion to order 10, and w of degree 4
 HALVINGS = 2  # of every interval of the mesh
-# Gauss points of an interval in one piece, none of which is one of its pieces': they leave order 10
-# to the coefficients of squares of w of degree 4
-_WHOLE = 9
+# Parts of an interval, and Gauss points of each of them
+_PIECES = 2**HALVINGS, _NODES
+# None of these is one of the pieces' points: they leave order 10 to the coefficients of squares of
+# w of degree 4
+_WHOLE = 1, 9
 # Of the largest entries: a value of w with none larger neither costs nor moves anything
 _IDLE = 1e-9
 
@@ -33,15 +35,15 @@ _IDLE = 1e-9
 class Form:
     """The quadratic form along a known extremal; columns are scaled to norm 1: times by the
     horizon, w by the width of the control's box times the horizon. First come the variables of the
-    word, then the values h, then w: phase by phase, control by control. Intervals are taken in
-    `parts`, by `nodes` Gauss points each.
+    word, then the values h, then w: phase by phase, control by control. Intervals with singular
+    controls are taken by a `rule`, so many parts of so many Gauss points each; those without are as
+    the word's conditions take them.
     """
 
     problem: Problem
     known: Induced
     quadratics: tuple[Quadratic, ...]
-    parts: int = 2**HALVINGS
-    nodes: int = _NODES
+    rule: tuple[int, int] = _PIECES
 
     @property
     def shooting(self) -> Shooting:
@@ -78,8 +80,9 @@ class Form:
     def columns(self) -> list[np.ndarray]:
         """Of every phase the columns of its w (m, n, s), at the Gauss points of n pieces."""
         at, found = self.base.size + sum(map(len, self.ends)), []
+        parts, nodes = self.rule
         for places, block in zip(self.places, self.shooting.blocks, strict=True):
-            shape = len(places), len(block.equations) * self.parts, self.nodes
+            shape = len(places), len(block.equations) * parts, nodes
             found.append(at + np.arange(np.prod(shape, dtype=int)).reshape(shape))
             at += found[-1].size
         return found
@@ -91,18 +94,14 @@ class Form:
 
     @cached_property
     def along(self) -> list[dict[str, np.ndarray]]:
-        """Of every phase the coefficients (n, s, rows, columns) on its n intervals: at both ends
-        and at the Gauss points of the pieces between them.
+        """Of every phase the coefficients (n, s, rows, columns) on its n intervals, if it has
+        singular controls: at both ends, and at the points of either rule between them.
         """
         p = parameters_of(self.problem, self.shooting.solution)
-        inside = (np.arange(self.parts)[:, None] + gauss(self.nodes)[0]) / self.parts
-        nodes, found = np.concatenate([[0.0], inside.ravel(), [1.0]]), []
-        for k, each in enumerate(self.quadratics):
-            at = each.at(reference(self.known, k, nodes), p, self.places[k])
-            count = len(self.shooting.blocks[k].equations)
-            found.append(
-                {name: e.reshape(count, nodes.size, *e.shape[1:]) for name, e in at.items()}
-            )
+        points, found = np.concatenate([[0.0], spread(*_PIECES), spread(*_WHOLE), [1.0]]), []
+        for k, (each, places) in enumerate(zip(self.quadratics, self.places, strict=True)):
+            at = each.at(reference(self.known, k, points), p, places) if places else {}
+            found.append({name: e.reshape(-1, points.size, *e.shape[1:]) for name, e in at.items()})
         return found
 
     def at_end(self, k: int, end: int) -> dict[str, np.ndarray]:
@@ -142,29 +141,58 @@ class Form:
 
     def _through(self, k: int, y: np.ndarray, form: np.ndarray) -> np.ndarray:
         """Carry changes y (ny, k) through a phase and add what it costs to the form."""
-        _, weights, matrix = gauss(self.nodes)
-        lengths = self.known.at[1 + k] * np.diff(self.shooting.blocks[k].shares)
-        steps = np.repeat(lengths / self.parts, self.parts)
-        at = {
-            name: each[:, 1:-1].reshape(steps.size, self.nodes, *each.shape[2:])
-            for name, each in self.along[k].items()
-        }
-        roots = np.sqrt(self.base[0] / (steps[:, None] * weights))
-        size = roots[:, :, None] * self._units[list(self.places[k])]
-        ends, costs = pieces(at, size, (steps, weights, matrix))
-        own = self.columns[k].transpose(1, 2, 0).reshape(steps.size, -1)
-        entered, ny = np.empty((steps.size, *y.shape)), len(y)
+        ends, costs = self._driven(k) if self.places[k] else self._swept(k)
+        own = self.columns[k].transpose(1, 2, 0).reshape(len(ends), -1)
+        entered, ny = np.empty((len(ends), *y.shape)), len(y)
         for j, end in enumerate(ends):
             entered[j] = y
             y = end[:, :ny] @ y
             y[:, own[j]] += end[:, ny:]
         flat = entered.reshape(-1, len(form))
         form += flat.T @ (costs[:, :ny, :ny] @ entered).reshape(flat.shape)
+        if not own.size:
+            return y
         mixed = (costs[:, ny:, :ny] @ entered).reshape(own.size, len(form))
         form[own.ravel()] += mixed
         form[:, own.ravel()] += mixed.T
         form[own[:, :, None], own[:, None]] += costs[:, ny:, ny:]
         return self._ended(k, y, form) if self.ends[k] else y
+
+    def _driven(self, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return where y ends (n, ny, c) on the n pieces of a phase and what it costs (n, c, c), by
+        y where they begin and the values of w.
+        """
+        (parts, nodes), count = self.rule, len(self.shooting.blocks[k].equations)
+        _, weights, matrix = gauss(nodes)
+        steps = np.repeat(self._lengths(k) / parts, parts)
+        first = 1 if self.rule == _PIECES else 1 + spread(*_PIECES).size
+        at = {
+            name: each[:, first : first + parts * nodes].reshape(
+                count * parts, nodes, *each.shape[2:]
+            )
+            for name, each in self.along[k].items()
+        }
+        roots = np.sqrt(self.base[0] / (steps[:, None] * weights))
+        size = roots[:, :, None] * self._units[list(self.places[k])]
+        return pieces(at, size, (steps, weights, matrix))
+
+    def _swept(self, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the same for the n intervals of a phase without singular controls, by y where they
+        begin: what the word's own conditions are made of tells both.
+        """
+        sweep = self.known.conditions.linearised(self.known.at).sweeps[k]
+        (n, _, ny), nx, lengths = sweep.slopes.shape, self.problem.x.numel(), self._lengths(k)
+        by = np.ones((n, ny))
+        by[:, nx + 1] = lengths  # r stretches them all
+        ends = np.tile(np.eye(ny), (n, 1, 1))
+        ends[:, :nx] = sweep.slopes[:, :nx] * by[:, None]
+        ends[:, nx, nx + 1] = lengths
+        bent = sweep.bent(self.known.held[self.shooting.blocks[k].equations].T)
+        return ends, by[:, :, None] * bent * by[:, None]
+
+    def _lengths(self, k: int) -> np.ndarray:
+        """Return the lengths (n,) of the intervals of a phase."""
+        return np.array(self.known.at[1 + k] * np.diff(self.shooting.blocks[k].shares))
 
     def _ended(self, k: int, y: np.ndarray, form: np.ndarray) -> np.ndarray:
         """Add what values h of w cost where they end, and put them into the states."""
@@ -222,8 +250,9 @@ class Form:
         """The first of `refined` by the Gauss points of whole intervals: what sets them apart is
         what either quadrature leaves.
         """
-        other = replace(self, parts=1, nodes=_WHOLE)
-        return self._by(lowered(_NODES, _WHOLE), *_without(self.idle, *other.kept))
+        other = replace(self, rule=_WHOLE)
+        vars(other)["along"] = self.along
+        return self._by(lowered(_NODES, _WHOLE[1]), *_without(self.idle, *other.kept))
 
     def _by(
         self, values: np.ndarray, form: np.ndarray, rows: np.ndarray

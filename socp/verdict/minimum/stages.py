@@ -60,6 +60,12 @@ def gauss(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 @cache
+def spread(parts: int, count: int) -> np.ndarray:
+    """Return the Gauss points (parts count,) of so many equal parts of [0, 1]."""
+    return np.array((np.arange(parts)[:, None] + gauss(count)[0]) / parts).ravel()
+
+
+@cache
 def halved(count: int) -> np.ndarray:
     """Return the values (2 s, s) of `_taken` at the Gauss points of both halves of a piece."""
     nodes, weights, _ = gauss(count)

@@ -84,28 +84,26 @@ class Quadratic:
 
     @cached_property
     def _function(self) -> casadi.Function:
-        problem, phase = self.problem, self.phase
-        r = casadi.SX.sym("r")
-        rate, running = phase.flow(problem)
+        problem, r = self.problem, casadi.SX.sym("r")
+        rate, running = self.phase.flow(problem)
         H = running + casadi.dot(problem.costate, rate)
-        y = casadi.vertcat(problem.x, time, r, problem.p)
-        motion = casadi.vertcat(r * rate, r, casadi.SX.zeros(1 + problem.p.numel()))
-        A = casadi.jacobian(motion, y)
-        Q = casadi.hessian(r * H, y)[0]
-        B = casadi.jacobian(motion, phase.free)
-        N = casadi.jacobian(casadi.gradient(r * H, phase.free), y)
+        y, nx = casadi.vertcat(problem.x, time, r, problem.p), problem.x.numel()
+        ny, both = y.numel(), casadi.vertcat(y, self.phase.free)
+        slopes, by = casadi.jacobian(rate, both), casadi.gradient(H, both)
+        bent = casadi.jacobian(by, both, {"symmetric": True})
+        # at r = 1 the slopes of r times the rate and r H by r are these themselves
+        slopes = casadi.vertcat(slopes, casadi.SX(ny - nx, both.numel()))
+        slopes[:, nx + 1] = casadi.vertcat(rate, 1, casadi.SX(ny - nx - 1, 1))
+        bent[nx + 1, :], bent[:, nx + 1] = by.T, by
+        A, B, Q, N = slopes[:, :ny], slopes[:, ny:], bent[:ny, :ny], bent[ny:, :ny]
         # along the extremal; neither depends on a control
         along = casadi.vertcat(problem.x, time, problem.costate)
-        by = casadi.vertcat(rate, 1, -casadi.gradient(H, problem.x))
-        both = casadi.jtimes(casadi.vec(casadi.horzcat(B, N.T)), along, by)
-        both = casadi.reshape(both, B.size1(), 2 * B.size2())
-        B_, N_ = both[:, : B.size2()], both[:, B.size2() :].T
-        NB = casadi.mtimes(N, B)
-        B1 = casadi.mtimes(A, B) - B_
-        M = casadi.mtimes(B.T, Q) - N_ - casadi.mtimes(N, A)
-        bent, NB_ = casadi.mtimes(N, B1), casadi.mtimes(N_, B) + casadi.mtimes(N, B_)
-        R = casadi.mtimes([B.T, Q, B]) - bent - bent.T - NB_
-        found = casadi.substitute([A, Q, B, B1, M, R, N, NB], [r], [casadi.SX(1)])
+        ways = casadi.jtimes(casadi.horzcat(B, N.T), along, casadi.vertcat(rate, 1, -by[:nx]))
+        B_, N_ = casadi.horzsplit(ways, B.size2())
+        B1 = A @ B - B_
+        M = B.T @ Q - N_.T - N @ A
+        R = M @ B - (N @ B1).T
+        found = [A, Q, B, B1, M, R, N, N @ B]
         given = [problem.x, problem.u, problem.costate, time, problem.p]
         return casadi.Function("quadratic", given, [casadi.densify(each) for each in found])
 
