@@ -13,9 +13,6 @@ from socp.transcription.motion import Sweep, motion_of
 from socp.transcription.phases import PhasedProblem
 from socp.transcription.shooting import Shooting
 
-# Steps that are one to a rough Hessian: of order 8, with steps that leave 1e-13, it is off by 1e-8
-_TOGETHER = 4
-
 
 def begun(shooting: Shooting, k: int, w: np.ndarray) -> list[np.ndarray]:
     """Return what the n intervals of phase k begin with at variables w: z (nz, n), t (1, n), h
@@ -96,15 +93,15 @@ class Linearised:
         equations[shooting.others] += self.shooting.levels - shooting.levels
         return replace(self, shooting=shooting, equations=equations)
 
-    def hessian(self, held: np.ndarray, *, roughly: bool = False) -> np.ndarray:
-        """Return the Hessian (n, n) of the cost and the equations times multipliers held (m,), with
-        some digits less where it is for Newton's steps: in a quarter of the time.
+    def hessian(self, held: np.ndarray, stride: int = 1) -> np.ndarray:
+        """Return the Hessian (n, n) of the cost and the equations times multipliers held (m,): that
+        of steps as long as `stride` together along the same motion, in as small a part of the time.
         """
         shooting, n = self.shooting, self.at.size
         found: np.ndarray
         (found,) = numbers(shooting.joined[1], self.at, held[shooting.others])
         for block, sweep in zip(shooting.blocks, self.sweeps, strict=True):
-            bent = sweep.bent(held[block.equations].T, _TOGETHER if roughly else 1)
+            bent = sweep.bent(held[block.equations].T, stride)
             each = block.change.transpose(0, 2, 1) @ bent @ block.change
             places = n * block.columns[:, :, None] + block.columns[:, None, :]
             found = found + np.bincount(places.ravel(), each.ravel(), n * n).reshape(n, n)

@@ -214,10 +214,10 @@ class Sweep:
     def bent(self, held: np.ndarray, stride: int = 1) -> np.ndarray:
         """Return the Hessians (n, nz + 2 + np,) twice, by the same, of the running cost and z times
         multipliers held (nz, n): those of steps as long as `stride` together. They are kept for the
-        last multipliers.
+        two that were asked for last.
         """
         make = partial(self._bent, held, stride)
-        return lately(self, Sweep.bent, (held.tobytes(), stride), make)
+        return lately(self, Sweep.bent, (held.tobytes(), stride), make, 2)
 
     def _bent(self, held: np.ndarray, stride: int) -> np.ndarray:
         n, steps, ny, count = self.begun.shape

@@ -34,6 +34,8 @@ _BROUGHT = 0.05
 # Of the variables' magnitudes: a step below it is rounding, which may keep it at some times as much
 _DONE = 1e-13
 _ROUNDING = 100.0
+# Steps that are one to a rough Hessian: of order 8, with steps that leave 1e-13, it is off by 1e-8
+_TOGETHER = 4
 # Of the variables' magnitudes: Newton that goes further than this goes to another solution
 AWAY = 1e-4
 
@@ -116,7 +118,7 @@ class Conditions:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the slopes of the equations (m, n) and the Hessian (n, n) of the Lagrangian."""
         here, key = self.linearised(at), (at.tobytes(), held.tobytes(), roughly)
-        make = partial(here.hessian, held, roughly=roughly)
+        make = partial(here.hessian, held, _TOGETHER if roughly else 1)
         bent = lately(self, Conditions.derivatives, key, make)
         return here.slopes, bent
 

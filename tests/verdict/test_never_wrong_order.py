@@ -148,7 +148,7 @@ def test_no_other_lengths_of_a_word_do_better(name: str) -> None:
     assert (kind is Minimum.STRONG) == (name in STRONG)
     pair = induced(problem, solution)
     assert isinstance(pair, Pair)
-    found, rng, count = pair.coarse, np.random.default_rng(3), 200
+    found, rng, count = pair.fine, np.random.default_rng(3), 200
     kernel, size = found.kernel(weak=True), found.conditions.size
     if not kernel.shape[1]:
         return  # the conditions leave nothing to change

@@ -5,7 +5,7 @@ The states at the ends of the intervals follow from these by the shooting equati
 what is left is a small symmetric matrix on the kernel of the end conditions.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
 
@@ -80,6 +80,13 @@ class Induced:
         )
 
     @cached_property
+    def rougher(self) -> "Induced":
+        """The same with a Hessian by steps twice as long along the same motion."""
+        here, size = self.conditions.linearised(self.at), self.conditions.size
+        H = here.hessian(self.held, 2) * size[:, None] * size
+        return replace(self, hessian=self.lift.T @ H @ self.lift)
+
+    @cached_property
     def regular(self) -> bool:
         """Whether the conditions at the ends are independent, so that multipliers are unique."""
         values = np.linalg.svd(self.rows, compute_uv=False)
@@ -113,11 +120,10 @@ class Induced:
 @final
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A word's induced problem by two integrations, one with half the steps of the other, which are
-    as many as the motion needs: what halves them bounds what they leave.
+    """A word's induced problem by as many steps as the motion needs. What half of them, along the
+    same motion, leave of its curvature bounds what these do; `_MOTION` bounds what the motion does.
     """
 
-    coarse: Induced
     fine: Induced
     phased: PhasedProblem
     pieces: list[int]
@@ -125,11 +131,9 @@ class Pair:
     def curvature(self, *, weak: bool) -> Curvature:
         """Return the least eigenvalue with its error: what rounding does, and half of the steps."""
         values, _, rounding = self.fine.spectrum(weak=weak)
-        before = self.coarse.spectrum(weak=weak)[0]
-        if values.size != before.size:
-            return Curvature(least=np.nan, error=np.inf, free=values.size)
         if not values.size:
             return Curvature(least=np.inf, error=0.0, free=0)
+        before = self.fine.rougher.spectrum(weak=weak)[0]
         apart = float(np.abs(values - before).max())
         return Curvature(least=float(values[0]), error=CLEAR * (apart + rounding), free=values.size)
 
@@ -144,13 +148,11 @@ def induced(problem: Problem, solution: Solution, points: int = 10) -> Pair | Se
     if known.steps is None:
         why = "it is stiff, unstable, or not smooth"
         return _untested(f"no number of explicit steps settles on the motion: {why}")
-    fine, coarse = (known.conditions(times) for times in (1.0, 0.5))
-    there = settled(fine)
+    conditions = known.conditions()
+    there = settled(conditions)
     if there is None:
-        return _unsettled(fine)
-    moved, change = there.system.step(*coarse.values(there.at, there.held)[:2])
-    before = Induced.of(coarse, there.at + moved, there.held + change)
-    return Pair(before, Induced.of(fine, there.at, there.held), known.phased, known.pieces)
+        return _unsettled(conditions)
+    return Pair(Induced.of(conditions, there.at, there.held), known.phased, known.pieces)
 
 
 def _untested(why: str) -> SecondOrder:
