@@ -13,8 +13,10 @@ from test_perturbed import WORDS as STRONG
 
 from socp.model.ladder.second_order import Minimum
 from socp.registry import Registry
-from socp.verdict.minimum.induced import Induced, Pair, induced
+from socp.verdict.accuracy import word_problem
+from socp.verdict.minimum.induced import CLEAR, Induced, Pair, induced
 from socp.verdict.minimum.order import second_order
+from socp.verdict.newton import settled
 
 
 def objective(s: float, k: float, a: float) -> float:
@@ -164,3 +166,22 @@ def test_no_other_lengths_of_a_word_do_better(name: str) -> None:
     assert np.abs(values(found, w[:, met])[0]).max() < 1e-8 * size.max()
     assert (changes > -noise).all()
     assert (changes > noise).mean() > 0.3
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name in SOON else pytest.mark.slow) for name in WORDS]
+)
+def test_twice_the_steps_move_no_curvature_further_than_its_error(name: str) -> None:
+    """What half of the steps leave bounds what these do without the factor `CLEAR` on it."""
+    problem, _, solution = right(name)
+    pair, known = induced(problem, solution), word_problem(problem, solution, 10)
+    assert isinstance(pair, Pair)
+    assert known is not None
+    finer = known.conditions(2.0)
+    there = settled(finer)
+    assert there is not None
+    values = Induced.of(finer, there.at, there.held).spectrum(weak=False)[0]
+    found = pair.curvature(weak=False)
+    assert found.free == values.size
+    if values.size:
+        assert abs(values[0] - found.least) <= found.error / CLEAR
