@@ -84,6 +84,7 @@ from .progress import search_watch as search_watch
 from .progress import silent as silent
 from .progress import staged as staged
 from .result.arc import Arc as Arc
+from .result.arc import in_arcs as in_arcs
 from .result.arc import join as join
 from .result.arc import on_intervals as on_intervals
 from .result.findings import NOWHERE as NOWHERE

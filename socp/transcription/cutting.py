@@ -24,6 +24,7 @@ from socp.model import (
     evaluate,
     function_of,
     identity,
+    in_arcs,
     join,
     lately,
     numbers,
@@ -33,7 +34,7 @@ from socp.model import (
     time,
 )
 from socp.transcription.kinks import crossing
-from socp.transcription.mesh import Mesh, table, uniform
+from socp.transcription.mesh import Mesh, nodes_of, uniform
 from socp.transcription.motion import motion_of
 from socp.transcription.phases import Phase, PhasedProblem, once_along
 from socp.transcription.schemes import lgr
@@ -89,8 +90,9 @@ def cut_arcs(phased: PhasedProblem, solution: Solution, points: int) -> Cut:
     arcs: list[Arc] = []
     meshes: list[Mesh] = []
     pieces: list[int] = []
-    for phase, arc in zip(phased.phases, solution.arcs, strict=True):
-        joints = _joints(phased, phase, arc, solution)
+    grid = _Grid(phased.of, solution)
+    for k, (phase, arc) in enumerate(zip(phased.phases, solution.arcs, strict=True)):
+        joints = _joints(_Looks(phase, grid, k))
         parts = [
             phase,
             *(
@@ -141,37 +143,33 @@ def resampled(solution: Solution, meshes: Sequence[Mesh]) -> Solution:
 
 def part(arc: Arc, span: tuple[float, float], mesh: Mesh) -> Arc:
     """Return the piece of an arc between two times, on a mesh of its own."""
-    on = table(mesh)
-    t = span[0] + (span[1] - span[0]) * on.tau
-    alike = on.side == arc.side and np.array_equal(on.mesh, arc.mesh)
+    tau, corners = nodes_of(mesh)
+    t, side = span[0] + (span[1] - span[0]) * tau, mesh[0][1].side
+    alike = side == arc.side and np.array_equal(corners, arc.mesh)
     if alike and (np.abs(t - arc.t) <= _ULPS * np.spacing(np.abs(t).max())).all():
         return replace(arc, multipliers={})  # these are its own nodes
     x, u, costate = arc.at(t), arc.at(t, "u"), arc.at(t, "costate")
-    return Arc(t=t, x=x, u=u, costate=costate, mesh=on.mesh, side=on.side, modes=arc.modes)
+    return Arc(t=t, x=x, u=u, costate=costate, mesh=corners, side=side, modes=arc.modes)
 
 
-def _joints(
-    phased: PhasedProblem, phase: Phase, arc: Arc, solution: Solution
-) -> tuple[_Joint, ...]:
+def _joints(looks: "_Looks") -> tuple[_Joint, ...]:
     """Return the joints inside an arc, in order: looked for once for the same motion along the same
     law.
     """
+    problem, phase, arc, solution = looks.problem, looks.phase, looks.arc, looks.grid.solution
     length, horizon = arc.t[-1] - arc.t[0], solution.final_time - solution.initial_time
     if phase.free.numel() or phase.carried.numel() or length <= SAME_TIME * horizon:
         return ()
-    looks = _Looks(phased, phase, arc, parameters_of(phased.of, solution))
-    values = (each.tobytes() for each in (arc.t, arc.x, arc.mesh, looks.p))
+    values = (each.tobytes() for each in (arc.t, arc.x, arc.mesh, looks.grid.p))
     # with what is kept the law stays, by whose places in memory it is told apart
     key = phase.modes, phase.when, phase.kept, *values, *identity(phase.control)
-    return lately(phased.of, _joints, key, lambda: (phase.control, _looked_for(looks)), _ARCS)[1]
+    return lately(problem, _joints, key, lambda: (phase.control, _looked_for(looks)), _ARCS)[1]
 
 
 def _looked_for(looks: "_Looks") -> tuple[_Joint, ...]:
-    arc, found = looks.arc, [*_crossings(looks), *_touches(looks)]
-    # a crossing at an end of the arc is the end
-    apart = SAME_TIME * (arc.t[-1] - arc.t[0])
-    inside = [each for each in found if arc.t[0] + apart < each.t < arc.t[-1] - apart]
-    inside.sort(key=lambda each: each.t)
+    found, (first, last) = [*_crossings(looks), *_touches(looks)], looks.inside
+    apart = first - looks.arc.t[0]
+    inside = sorted((each for each in found if first < each.t < last), key=lambda each: each.t)
     # two kinks at one time, such as those of p and p v, need one joint
     single = [each for k, each in enumerate(inside) if k == 0 or each.t - inside[k - 1].t > apart]
     return tuple(single) if len(single) <= _MOST else ()
@@ -180,9 +178,10 @@ def _looked_for(looks: "_Looks") -> tuple[_Joint, ...]:
 @of_motion
 def _crossings(looks: "_Looks") -> Iterator[_Joint]:
     """Yield where a kink of the dynamics changes sign."""
-    problem, phase = looks.phased.of, looks.phase
+    problem, phase = looks.problem, looks.phase
     # on a fixed horizon those of time alone are knots
-    fixed = not np.ptp([problem.initial_time_box, problem.final_time_box], axis=1).any()
+    boxes = problem.initial_time_box, problem.final_time_box
+    fixed = all(first == last for first, last in boxes)
     found = once_along(
         problem, phase, _crossings, partial(_kinks, problem, phase, fixed=fixed), fixed
     )
@@ -206,15 +205,14 @@ def _touches(looks: "_Looks") -> Iterator[_Joint]:
     """Yield where a state constraint that the law does not keep has a maximum of zero, or more,
     and is clearly negative before it and after it.
     """
-    problem, phase = looks.phased.of, looks.phase
+    problem, phase = looks.problem, looks.phase
     for constraint in problem.constraints:
         if constraint.name in phase.kept:
             continue
-        times, function = looks.times, constraint_function(problem, constraint)
-        row = evaluate(function, looks.x, times, looks.p)[0][0]
+        row = looks.grid.along(constraint)[looks.k]
         if not _peaks(row):
             continue
-        c = constraint.expression
+        c, times = constraint.expression, looks.times
         slope = once_along(
             problem, phase, _touches, partial(_slope, problem, phase, c), constraint.name
         )
@@ -249,41 +247,92 @@ def _peaks(row: np.ndarray) -> bool:
 
 @final
 @dataclass(frozen=True, eq=False)
+class _Grid:
+    """Where the arcs of a solution are looked at, all of them at once."""
+
+    problem: Problem
+    solution: Solution
+
+    @cached_property
+    def p(self) -> np.ndarray:
+        """Parameters (np,)."""
+        return parameters_of(self.problem, self.solution)
+
+    @cached_property
+    def times(self) -> list[np.ndarray]:
+        """Times (n,) of every arc: some between any two nodes of the mesh."""
+        shares, found = np.arange(_LOOKS) / _LOOKS, []
+        for arc in self.solution.arcs:
+            ends = arc.t[arc.mesh]
+            inner = ends[:-1, None] + np.diff(ends)[:, None] * shares
+            found.append(np.unique(np.append(inner, ends[-1])))
+        return found
+
+    @cached_property
+    def states(self) -> list[np.ndarray]:
+        """States (nx, n) at these times."""
+        return in_arcs(self.solution.arcs, "x", self.times)
+
+    @once
+    def along(self, constraint: Constraint) -> list[np.ndarray]:
+        """Return the values (n,) of a constraint at these times."""
+        function, x = constraint_function(self.problem, constraint), np.hstack(self.states)
+        (values,) = evaluate(function, x, np.concatenate(self.times), self.p)
+        return np.split(values[0], np.cumsum([t.size for t in self.times])[:-1])
+
+
+@final
+@dataclass(frozen=True, eq=False)
 class _Looks:
-    """Looks at expressions of x, t, p along an arc of a phase under parameters p (np,)."""
+    """Looks at expressions of x, t, p along arc k of a solution, on which a phase's law holds."""
 
-    phased: PhasedProblem
     phase: Phase
-    arc: Arc
-    p: np.ndarray
+    grid: _Grid
+    k: int
 
-    @cached_property
+    @property
+    def problem(self) -> Problem:
+        """What the solution is one of."""
+        return self.grid.problem
+
+    @property
+    def arc(self) -> Arc:
+        """The arc."""
+        return self.grid.solution.arcs[self.k]
+
+    @property
     def times(self) -> np.ndarray:
-        """Times (n,) looked at: some between any two nodes of the mesh."""
-        ends = pairwise(self.arc.t[self.arc.mesh])
-        return np.unique(np.concatenate([np.linspace(a, b, _LOOKS + 1) for a, b in ends]))
+        """Times (n,) looked at."""
+        return self.grid.times[self.k]
 
-    @cached_property
+    @property
     def x(self) -> np.ndarray:
         """States (nx, n) at these times."""
-        return self.arc.at(self.times)
+        return self.grid.states[self.k]
+
+    @cached_property
+    def inside(self) -> tuple[float, float]:
+        """Between which times joints are looked for: a crossing at an end of the arc is the end."""
+        t = self.arc.t
+        apart = SAME_TIME * (t[-1] - t[0])
+        return float(t[0] + apart), float(t[-1] - apart)
 
     def size(self, constraint: Constraint) -> float:
         """Return how much a constraint changes at most when every state changes by its own largest
         value on the arc.
         """
         t, largest = self.times, np.abs(self.arc.x).max(axis=1)
-        (slopes,) = evaluate(_slopes(self.phased.of, constraint), self.x, t, self.p)
+        (slopes,) = evaluate(_slopes(self.problem, constraint), self.x, t, self.grid.p)
         return float((np.abs(slopes.reshape(t.size, -1)) @ largest).max())
 
     def values(self, expression: Expr) -> Callable[[np.ndarray], np.ndarray]:
         """Return an expression (k, 1) as a function of times (n,) that gives (k, n)."""
-        problem = self.phased.of
+        problem, p = self.problem, self.grid.p
         function = function_of(problem, [problem.x, time, problem.p], expression)
 
         def at(t: np.ndarray) -> np.ndarray:
             x = self.x if t is self.times else self.arc.at(t)
-            return numbers(function, x, t, self.p)[0]
+            return numbers(function, x, t, p)[0]
 
         return at
 
@@ -305,8 +354,10 @@ class _Looks:
     def _zero(
         self, values: Callable[[np.ndarray], np.ndarray], i: int, first: float, last: float
     ) -> float | None:
-        """Return where a row of values is zero between two times, None where it is of one sign: one
-        that is rounding all along has another sign whenever it is worked out.
+        """Return where a row of values is zero between two times, None where it is of one sign, but
+        for the arc's ends: one that is rounding, there or all along, has another sign whenever it
+        is worked out.
         """
+        first, last = max(first, self.inside[0]), min(last, self.inside[1])
         before, after = values(np.array([first, last]))[i]
         return crossing(lambda t: values(t)[i], first, last) if before * after < 0.0 else None

@@ -83,15 +83,30 @@ def table(mesh: Mesh) -> Table:
     Raises MethodError for a mesh without intervals, a share that is not positive, or schemes that
     do not fit together.
     """
-    _check(mesh)
     return (_kept if len(mesh) <= _SMALL else _joined)(tuple(mesh))
 
 
-def _joined(mesh: tuple[tuple[float, Scheme], ...]) -> Table:
+def nodes_of(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Return `tau` and `mesh` as the table of a mesh has them, which takes many times as long;
+    raises MethodError as it does.
+    """
+    _check(mesh)
     shares = np.array([share for share, _ in mesh], dtype=float) / sum(share for share, _ in mesh)
     ends = np.append(0.0, np.cumsum(shares))
+    inner = [
+        end + size * (scheme.nodes[:-1] + 1.0)
+        for end, size, (_, scheme) in zip(ends, shares / 2.0, mesh, strict=False)
+    ]
+    tau = np.concatenate([*inner, [1.0]])
     corners = np.array(list(accumulate((s.nodes.size - 1 for _, s in mesh), initial=0)))
-    tau, weights = np.zeros(corners[-1] + 1), np.zeros(corners[-1] + 1)
+    tau[corners[:-1]] = ends[:-1]
+    return tau, corners
+
+
+def _joined(mesh: tuple[tuple[float, Scheme], ...]) -> Table:
+    tau, corners = nodes_of(mesh)
+    shares = np.array([share for share, _ in mesh], dtype=float) / sum(share for share, _ in mesh)
+    weights = np.zeros(tau.size)
     edges = np.zeros((2, len(mesh)))
     entries: list[tuple[np.ndarray, ...]] = []
     schemes = [scheme for _, scheme in mesh]
@@ -99,13 +114,11 @@ def _joined(mesh: tuple[tuple[float, Scheme], ...]) -> Table:
         which = np.flatnonzero([each is scheme for each in schemes])
         size, first = shares[which, None] / 2.0, corners[which, None]
         here = first + np.arange(scheme.nodes.size)
-        tau[here] = ends[which, None] + size * (scheme.nodes + 1.0)
         np.add.at(weights, here, size * scheme.weights)
         edges[:, which] = (size * scheme.weights[[0, -1]]).T
         row, column = ((first + place.ravel()).ravel() for place in np.indices(scheme.A.shape))
         a = np.tile(scheme.A.ravel(), which.size)
         entries.append((row, column, a, (size * scheme.B.ravel()).ravel()))
-    tau[corners[:-1]], tau[-1] = ends[:-1], 1.0
     rows, columns, a, b = (np.concatenate(part) for part in zip(*entries, strict=True))
     shape = int(corners[-1]), tau.size
     A, B = (Entries(shape, rows, columns, data).chosen(data != 0) for data in (a, b))

@@ -255,9 +255,10 @@ def once_along(
         return make()
     known: dict[tuple[Any, ...], tuple[Expr, Made]] = cached(problem, function)
     key = phase.modes, phase.when, *more
-    if key not in known or not casadi.is_equal(known[key][0], phase.control):
-        known[key] = phase.control, make()
-    return known[key][1]
+    law, found = known.get(key, (None, None))
+    if found is None or not (law is phase.control or casadi.is_equal(law, phase.control)):
+        known[key] = phase.control, (found := make())
+    return found
 
 
 def once_alike(

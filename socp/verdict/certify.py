@@ -94,7 +94,7 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
     certain = all(finding.holds for finding in findings)
     # where all holds, the gain would measure the judge
     gain = slack.sum(axis=0) + (0.0 if certain else _gain(problem, samples, switching))
-    error = estimates.objective_error(problem, solution, samples, costate, gain)
+    error = estimates.objective_error(solution, samples, costate, gain)
     error += sum(
         float(np.abs(rows.offset + rows.matrix @ z).max()) * rows.slack
         for rows in laid.rows
@@ -225,14 +225,12 @@ def _with_multipliers(along: AdjointSystem, z: np.ndarray) -> tuple[Arc, ...]:
     costate = along.costates.at(z)
     density = np.einsum("ncz,z->cn", along.costates.mu, z)
     names = [constraint.name for constraint in along.problem.constraints]
-    both, arcs = np.vstack([costate, density]), []
-    for index, arc in enumerate(along.solution.arcs):
-        if not arc.lawful:
-            arcs.append(arc)
-            continue
-        rows = margins.on_arc(along.samples, index, arc, both)
+    both, arcs = np.vstack([costate, density]), list(along.solution.arcs)
+    lawful = [k for k, arc in enumerate(arcs) if arc.lawful]
+    carried = margins.on_arcs(along.samples, [(k, arcs[k].t) for k in lawful], both)
+    for k, rows in zip(lawful, carried, strict=True):
         own = dict(zip(names, rows[len(costate) :], strict=True))
-        arcs.append(replace(arc, costate=rows[: len(costate)], multipliers=own))
+        arcs[k] = replace(arcs[k], costate=rows[: len(costate)], multipliers=own)
     return tuple(arcs)
 
 

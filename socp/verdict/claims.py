@@ -26,6 +26,8 @@ from socp.model import (
     evaluate,
     magnitude,
     mayer_function,
+    numbers,
+    once,
     running_function,
 )
 from socp.transcription import lgr
@@ -49,15 +51,18 @@ def claims(along: AdjointSystem, density: np.ndarray, size: float) -> Iterator[F
     yield from _parameters(along)
 
 
-def cost(problem: Problem, solution: Solution, samples: Samples) -> tuple[float, float]:
+@once
+def cost(samples: Samples, solution: Solution) -> tuple[float, float]:
     """Return the objective by the judge's own quadrature, and the magnitude of its terms."""
+    problem = samples.problem
     half = 0.5 * np.diff(samples.edges)
     weights = half[:, None] * _SCHEME.weights[:-1]
     L = samples.values["L"].reshape(samples.intervals, samples.width)[:, :-1]
-    mayer = float(mayer_function(problem)(*end_values(problem, solution)))
+    mayer = float(numbers(mayer_function(problem), *end_values(problem, solution))[0][0, 0])
     return float((weights * L).sum()) + mayer, float((weights * np.abs(L)).sum()) + abs(mayer)
 
 
+@once
 def running_magnitude(along: AdjointSystem) -> np.ndarray:
     """Return the magnitude (n,) of the running cost at the judge's nodes: its absolute value, and
     what it changes by when every state changes by its own.
@@ -107,7 +112,7 @@ def _motion(along: AdjointSystem) -> Finding:
 
 
 def _objective(along: AdjointSystem) -> Finding:
-    value, size = cost(along.problem, along.solution, along.samples)
+    value, size = cost(along.samples, along.solution)
     most = along.horizon * float(running_magnitude(along).max())
     size = size if size > ROUNDED * most else most
     off = abs(along.solution.objective - value) / max(size, TINY)

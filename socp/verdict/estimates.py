@@ -33,7 +33,7 @@ _LOOKS = np.logspace(
 
 
 def objective_error(
-    problem: Problem, solution: Solution, samples: Samples, costate: np.ndarray, gain: np.ndarray
+    solution: Solution, samples: Samples, costate: np.ndarray, gain: np.ndarray
 ) -> float:
     """Estimate the error of the objective, in its own units, by the dual-weighted residual.
 
@@ -59,9 +59,7 @@ def objective_error(
         (float(np.abs(costate[:, -1] @ (x - solution.arcs[-1].x[:, -1]))) for x in ends),
         default=0.0,
     )
-    return (
-        defect + end + abs(claims.cost(problem, solution, samples)[0] - solution.objective) + missed
-    )
+    return defect + end + abs(claims.cost(samples, solution)[0] - solution.objective) + missed
 
 
 def integral(samples: Samples, values: np.ndarray) -> float:

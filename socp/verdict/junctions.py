@@ -4,9 +4,11 @@ switches could.
 
 from itertools import pairwise
 
+import numpy as np
+
 from socp import laws
 from socp.errors import MethodError
-from socp.model import LAWS, Problem, Solution
+from socp.model import LAWS, Problem, Solution, on_intervals
 from socp.process import time_limit
 
 _BESIDE = 1e-9  # of the horizon: how far from a junction the control is looked at
@@ -24,12 +26,8 @@ def chattering(problem: Problem, solution: Solution) -> list[str]:
     found = []
     for i, name in enumerate(problem.control_names):
         pairs = pairwise(solution.structure.get(name, ()))  # none where states are not finite
-        jumps = [
-            t
-            for (one, _, t), (other, _, _) in pairs
-            if _meets(one, other) and _jumps(problem, solution, i, t)
-        ]
-        if jumps and _order(problem, name) % 2 == 0:
+        joints = [t for (one, _, t), (other, _, _) in pairs if _meets(one, other)]
+        if joints and _jumps(problem, solution, i, joints) and _order(problem, name) % 2 == 0:
             found.append(name)
     return found
 
@@ -38,11 +36,14 @@ def _meets(one: str, other: str) -> bool:
     return "s" in {one, other} and bool({one, other} & {"+", "-"})
 
 
-def _jumps(problem: Problem, solution: Solution, i: int, t: float) -> bool:
+def _jumps(problem: Problem, solution: Solution, i: int, joints: list[float]) -> bool:
     beside = _BESIDE * (solution.final_time - solution.initial_time)
     low, high = problem.box[:, i]
-    before, after = (float(solution.at([t + side], "u")[i, 0]) for side in (-beside, beside))
-    return bool(abs(after - before) > _JUMP * (high - low))
+    t = np.add.outer([-beside, beside], joints).ravel()
+    t = np.clip(t, solution.initial_time, solution.final_time)
+    interval = np.searchsorted(solution.corners[1:-1], t, side="right")
+    before, after = np.split(on_intervals(solution.arcs, "u", t, interval)[i], 2)
+    return bool((np.abs(after - before) > _JUMP * (high - low)).any())
 
 
 def _order(problem: Problem, name: str) -> int:

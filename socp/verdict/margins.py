@@ -1,6 +1,6 @@
 """What a verdict says beyond residuals: strictness, ringing, the Legendre-Clebsch condition."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from time import monotonic
 
 import numpy as np
@@ -175,15 +175,26 @@ def _once(arc: Arc) -> np.ndarray:
     return np.array(arc.u[:, (arc.side == "right") : arc.t.size - (arc.side == "left")])
 
 
-def on_arc(samples: Samples, index: int, arc: Arc, values: np.ndarray) -> np.ndarray:
-    """Carry values (rows, n) from the judge's nodes to an arc's; arcs without length take the
-    neighbouring value.
+def on_arcs(
+    samples: Samples, times: Sequence[tuple[int, np.ndarray]], values: np.ndarray
+) -> list[np.ndarray]:
+    """Carry values (rows, n) from the judge's nodes to arcs, of each its number and its times (k,),
+    as (rows, k) each; arcs without length take the neighbouring value.
     """
-    mine = np.flatnonzero(samples.arc[:: samples.width] == index)
-    if not mine.size:
-        nearest = int(np.argmin(np.abs(samples.t - arc.t[0])))
-        return np.repeat(values[:, [nearest]], arc.t.size, axis=1)
-    place = np.searchsorted(samples.edges[mine[1:]], arc.t, side="right")
-    nodes = samples.t.reshape(-1, samples.width)[mine]
-    shape = len(values), samples.intervals, samples.width
-    return piecewise(nodes, values.reshape(shape)[:, mine], arc.t, place)
+    if not times:
+        return []
+    arc_of = samples.arc[:: samples.width]
+    at, on = [], []
+    for index, t in times:
+        mine = np.flatnonzero(arc_of == index)
+        if mine.size:
+            at.append(t)
+            on.append(mine[np.searchsorted(samples.edges[mine[1:]], t, side="right")])
+        else:
+            nearest = int(np.argmin(np.abs(samples.t - t[0])))
+            at.append(np.full(t.size, samples.t[nearest]))
+            on.append(np.full(t.size, nearest // samples.width))
+    shape = samples.intervals, samples.width
+    rows = values.reshape(len(values), *shape)
+    found = piecewise(samples.t.reshape(shape), rows, np.concatenate(at), np.concatenate(on))
+    return np.split(found, np.cumsum([t.size for _, t in times])[:-1], axis=1)

@@ -21,6 +21,7 @@ from socp.model import (
     fast,
     lagrange,
     magnitude,
+    once,
     parameters_of,
     running_function,
     scales,
@@ -140,7 +141,7 @@ def travel(
         log.off = np.array([math.inf])
         return y, "the solution itself is not finite"
     horizon = solution.final_time - solution.initial_time
-    scale = np.append(scales(problem, solution), running_size(problem, solution))
+    scale = np.append(scales(problem, solution), running_size(solution, problem))
     legs = [
         (arc, piece)
         for arc, stretches in zip(solution.arcs, pieces, strict=True)
@@ -236,7 +237,8 @@ def _noted(
     log.u += np.split(u, parts, axis=1)
 
 
-def running_size(problem: Problem, solution: Solution) -> float:
+@once
+def running_size(solution: Solution, problem: Problem) -> float:
     """Return the integral of the running cost's absolute value at the returned nodes, 1 where that
     is none.
 

@@ -112,12 +112,14 @@ def _worst(case: Case, z: np.ndarray) -> float:
 def _least_squares(case: Case) -> np.ndarray:
     """Return the multipliers of least squares; ArithmeticError names what is not finite."""
     rows = [r for r in case.rows if r.equation and r.decisive]
-    for each in rows:
-        lost = np.flatnonzero(~np.isfinite(np.column_stack([each.matrix, each.offset])).all(axis=1))
-        if lost.size:
-            t = float(each.t[lost[0]])
-            raise ArithmeticError(f"{each.kind.value}: its terms are not finite at t = {t:.6g}")
     matrix, offset = np.vstack([r.matrix for r in rows]), np.concatenate([r.offset for r in rows])
+    finite = np.isfinite(matrix).all(axis=1) & np.isfinite(offset)
+    if not finite.all():
+        lost = int(np.argmin(finite))
+        ends = np.cumsum([each.t.size for each in rows])
+        kind = rows[int(np.searchsorted(ends, lost, side="right"))].kind
+        t = float(np.concatenate([each.t for each in rows])[lost])
+        raise ArithmeticError(f"{kind.value}: its terms are not finite at t = {t:.6g}")
     size = np.linalg.norm(matrix, axis=0)
     size[size == 0] = 1.0
     # the singular values of the triangle alone, and only where they are needed: several times as

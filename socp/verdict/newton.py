@@ -107,10 +107,9 @@ class Conditions:
 
     def _system(self, at: np.ndarray, held: np.ndarray, roughly: bool) -> "System":
         C, H = self.derivatives(at, held, roughly=roughly)
-        C = C * self.size
-        matrix = np.block(
-            [[H * self.size[:, None] * self.size, C.T], [C, np.zeros((held.size, held.size))]]
-        )
+        n, C = at.size, C * self.size
+        matrix = np.zeros((n + held.size, n + held.size))
+        matrix[:n, :n], matrix[:n, n:], matrix[n:, :n] = H * self.size[:, None] * self.size, C.T, C
         return System.of(matrix, self.size)
 
     def derivatives(
@@ -142,9 +141,9 @@ class System:
     @classmethod
     def of(cls, matrix: np.ndarray, size: np.ndarray) -> Self:
         """Bring rows and columns of a symmetric matrix to one magnitude (Ruiz, RAL-TR-2001-034)."""
-        d = np.ones(len(matrix))
+        sizes, d = np.abs(matrix), np.ones(len(matrix))
         for _ in range(_RUIZ):
-            d /= np.sqrt(np.maximum(np.abs(d[:, None] * matrix * d).max(axis=1), TINY))
+            d /= np.sqrt(np.maximum(d * (sizes * d).max(axis=1), TINY))
         return cls(d[:, None] * matrix * d, size, d)
 
     def step(self, gradient: np.ndarray, equations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

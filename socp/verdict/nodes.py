@@ -18,6 +18,7 @@ from socp.model import (
     Solution,
     column,
     evaluate,
+    in_arcs,
     legendre_coefficients,
     of_motion,
     on_intervals,
@@ -297,7 +298,7 @@ def _touches(problem: Problem, solution: Solution) -> list[float]:
         )
         for arc in solution.arcs
     ]
-    states = np.hstack([arc.at(t) for t, arc in zip(grids, solution.arcs, strict=True)])
+    states = np.hstack(in_arcs(solution.arcs, "x", grids))
     p, whole = parameters_of(problem, solution), np.concatenate(grids)
     values = evaluate(constraints_function(problem), states, whole, p)[0]
     ends = np.cumsum([t.size for t in grids])[:-1]
@@ -306,7 +307,7 @@ def _touches(problem: Problem, solution: Solution) -> list[float]:
     for row, close in zip(values, near, strict=True):
         if close.any():
             parts = zip(grids, np.split(row, ends), np.split(close, ends), strict=True)
-            found += [at for part in parts for at in _peaks(*part)]
+            found += [at for part in parts if part[2].any() for at in _peaks(*part)]
     return found
 
 

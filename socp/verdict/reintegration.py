@@ -124,11 +124,11 @@ def objective_of(
         return float(np.sum(0.5 * (terms[1:] + terms[:-1]) * np.diff(t)) + end[0])
 
     size = whole(magnitude(within, x, scale[:, None]), magnitude(last, x[:, -1], scale))
-    terms = whole(np.abs(within(x)), np.abs(last(x[:, -1])))
     off = abs(solution.objective - value)
     if off != off:  # noqa: PLR0124
         return value, np.inf  # nan is far from everything
     if not off <= EXTREMAL * size:
+        terms = whole(np.abs(within(x)), np.abs(last(x[:, -1])))
         # what is just beyond that is feasible at least, whatever is left of the terms
         size = max(terms, EXTREMAL / FEASIBLE * size)
     return value, off / max(size, TINY)

@@ -121,6 +121,19 @@ def on_intervals(
     return out
 
 
+def in_arcs(arcs: Sequence[Arc], which: Which, times: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Evaluate x, u or costate at the times (k,) of every arc, where intervals meet on the later
+    one; returns (rows, k) for each.
+    """
+    before = np.cumsum([0, *(arc.mesh.size - 1 for arc in arcs)]).tolist()
+    on = [
+        begin + arc.t[arc.mesh[1:-1]].searchsorted(t, side="right")
+        for begin, arc, t in zip(before, arcs, times, strict=False)
+    ]
+    found = on_intervals(arcs, which, np.concatenate(times), np.concatenate(on))
+    return np.split(found, np.cumsum([t.size for t in times])[:-1], axis=1)
+
+
 def join(arcs: Sequence[Arc]) -> Arc:
     """Return neighbouring arcs of the same modes as one, with the intervals of all; a shared node
     is the later arc's.

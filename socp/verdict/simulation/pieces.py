@@ -76,8 +76,15 @@ def pieces_in_time(arc: Arc) -> list[Piece]:
 def piece_of_law(problem: Problem, arc: Arc) -> Piece:
     """Return an arc's control as a feedback; raises MethodError where there is none."""
     laws.feedback_function(problem, arc.modes)
-    constant = constants(laws.arc_law(problem, arc.modes).control)
-    return Piece(float(arc.t[0]), float(arc.t[-1]), (arc.t[:1], constant[:, None]), arc.modes)
+    plan = arc.t[:1], _constants(problem, arc.modes)[:, None]
+    return Piece(float(arc.t[0]), float(arc.t[-1]), plan, arc.modes)
+
+
+@of_motion
+@once
+def _constants(problem: Problem, modes: Modes) -> np.ndarray:
+    """Return the constants (nu,) of an arc's law."""
+    return constants(laws.arc_law(problem, modes).control)
 
 
 def planned(pieces: Sequence[Piece]) -> Controls:
