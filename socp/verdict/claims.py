@@ -23,15 +23,13 @@ from socp.model import (
     Problem,
     Solution,
     end_values,
-    evaluate,
-    magnitude,
     mayer_function,
     numbers,
     once,
-    running_function,
 )
 from socp.transcription import lgr
 from socp.verdict.adjoint import AdjointSystem
+from socp.verdict.motion import magnitude_along
 from socp.verdict.nodes import POINTS, Samples
 from socp.verdict.structure import nearness
 
@@ -64,15 +62,10 @@ def cost(samples: Samples, solution: Solution) -> tuple[float, float]:
 
 @once
 def running_magnitude(along: AdjointSystem) -> np.ndarray:
-    """Return the magnitude (n,) of the running cost at the judge's nodes: its absolute value, and
-    what it changes by when every state changes by its own.
-    """
-    samples, running = along.samples, running_function(along.problem)
-
-    def at(states: np.ndarray) -> np.ndarray:
-        return evaluate(running, states, samples.u, samples.t, samples.p)[0].ravel()
-
-    return magnitude(at, samples.x, along.scale[:, None])
+    """Return the magnitude (n,) of the running cost at the judge's nodes."""
+    samples = along.samples
+    motion = samples.t, samples.x, samples.u
+    return magnitude_along(along.problem, motion, samples.p, along.scale)
 
 
 def _motion(along: AdjointSystem) -> Finding:

@@ -21,6 +21,7 @@ from socp.model import (
     fast,
     lagrange,
     magnitude,
+    of_motion,
     once,
     parameters_of,
     running_function,
@@ -196,10 +197,11 @@ def _laid(leg: Leg, k: int, longest: float) -> np.ndarray:
     """Return steps as `strides` has them: one over a plan, one an interval of the mesh by a law,
     or several that are not too long.
     """
-    arc, piece = leg
-    inside = arc.t[arc.mesh] if piece.modes is not None else arc.t[:0]
-    inside = inside[(inside > piece.start) & (inside < piece.end)]
-    corners = np.concatenate([[piece.start], inside, [piece.end]])
+    (arc, piece), corners = leg, np.array([leg[1].start, leg[1].end])
+    if piece.modes is not None:
+        inside = arc.t[arc.mesh]
+        inside = inside[(inside > piece.start) & (inside < piece.end)]
+        corners = np.concatenate([corners[:1], inside, corners[1:]])
     if piece.end - piece.start > longest:
         place = np.append(0.0, np.cumsum(np.ceil(np.diff(corners) / longest)))
         corners = np.interp(np.arange(place[-1] + 1), place, corners)
@@ -246,18 +248,40 @@ def running_size(solution: Solution, problem: Problem) -> float:
     follow: it counts for no less than the judge can tell of what it is when states change by their
     own magnitude.
     """
-    x, u, t = solution.rows("x"), solution.rows("u"), solution.t
-    p, scale = parameters_of(problem, solution), scales(problem, solution)[:, None]
-    cost = running_function(problem)
-
-    def at(states: np.ndarray) -> np.ndarray:
-        return evaluate(cost, states, u, t, p)[0].ravel()
+    t, x, u = solution.t, solution.rows("x"), solution.rows("u")
+    p, scale = parameters_of(problem, solution), scales(problem, solution)
 
     def whole(values: np.ndarray) -> float:
         return float(np.nansum(0.5 * (values[1:] + values[:-1]) * np.diff(t)))
 
-    found = max(whole(np.abs(at(x))), EXTREMAL * whole(magnitude(at, x, scale)))
+    here = np.abs(evaluate(running_function(problem), x, u, t, p)[0].ravel())
+    found = max(whole(here), EXTREMAL * whole(magnitude_along(problem, (t, x, u), p, scale)))
     return found if 0.0 < found < np.inf else 1.0
+
+
+def magnitude_along(
+    problem: Problem,
+    motion: tuple[np.ndarray, np.ndarray, np.ndarray],
+    p: np.ndarray,
+    scale: np.ndarray,
+) -> np.ndarray:
+    """Return the magnitude (n,) of the running cost at times (n,), states (nx, n) and controls
+    (nu, n) under parameters p (np,): its absolute value, and what it changes by when every state
+    changes by its own, `scale` (nx,).
+    """
+    (t, x, u), cost = motion, running_function(problem)
+
+    def at(states: np.ndarray) -> np.ndarray:
+        return evaluate(cost, states, u, t, p)[0].ravel()
+
+    return magnitude(at, x, scale[:, None]) if _by_states(problem) else np.abs(at(x))
+
+
+@of_motion
+@once
+def _by_states(problem: Problem) -> bool:
+    """Tell whether the running cost changes with the states."""
+    return bool(casadi.depends_on(problem.lagrangian, problem.x))
 
 
 def _flow(problem: Problem, piece: Piece, p: np.ndarray) -> Flow | Control:

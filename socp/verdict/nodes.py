@@ -107,11 +107,10 @@ class Samples:
             x = self.x[:, ends] + found[: len(self.x), ends] * step  # the rates stand first
             inside = x, self.u[:, ends], self.t[ends] + step
             (its,) = evaluate(_functions(self.problem), *inside, self.p)
-            rows = _rows(self.problem)
-            largest = [np.abs(found[part]).max(initial=0.0) for part, _ in rows.values()]
-            most = _JUMPS * np.repeat(
-                largest, [part.stop - part.start for part, _ in rows.values()]
-            )
+            parts = [part for part, _ in _rows(self.problem).values() if part.stop > part.start]
+            largest = np.abs(found).max(axis=1)
+            largest = np.maximum.reduceat(largest, [part.start for part in parts])
+            most = _JUMPS * np.repeat(largest, [part.stop - part.start for part in parts])
             jumps = np.abs(its - found[:, ends]) > most[:, None]
         found[:, ends] = np.where(jumps, its, found[:, ends])
         return _by_name(self.problem, found)

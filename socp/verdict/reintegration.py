@@ -29,7 +29,7 @@ from socp.model import (
     running_function,
     sizes,
 )
-from socp.verdict.motion import FINE, RTOL, Log, travel
+from socp.verdict.motion import FINE, RTOL, Log, magnitude_along, travel
 from socp.verdict.simulation.pieces import Piece, piece_of_law, pieces_in_time
 from socp.verdict.structure import constraints_function
 
@@ -110,27 +110,25 @@ def objective_of(
     """
     (t, x, u), p = motion, parameters_of(problem, solution)
     ends = solution.initial_time, solution.final_time
-    mayer, cost = mayer_function(problem), running_function(problem)
+    mayer = mayer_function(problem)
 
     def last(states: np.ndarray) -> np.ndarray:
         return numbers(mayer, states, x[:, 0], p, *ends)[0].ravel()
-
-    def within(states: np.ndarray) -> np.ndarray:
-        return evaluate(cost, states, u, t, p)[0].ravel()
 
     value = running + float(last(x[:, -1])[0])
 
     def whole(terms: np.ndarray, end: np.ndarray) -> float:
         return float(np.sum(0.5 * (terms[1:] + terms[:-1]) * np.diff(t)) + end[0])
 
-    size = whole(magnitude(within, x, scale[:, None]), magnitude(last, x[:, -1], scale))
+    terms = magnitude_along(problem, motion, p, scale)
+    size = whole(terms, magnitude(last, x[:, -1], scale))
     off = abs(solution.objective - value)
     if off != off:  # noqa: PLR0124
         return value, np.inf  # nan is far from everything
     if not off <= EXTREMAL * size:
-        terms = whole(np.abs(within(x)), np.abs(last(x[:, -1])))
+        terms = np.abs(evaluate(running_function(problem), x, u, t, p)[0].ravel())
         # what is just beyond that is feasible at least, whatever is left of the terms
-        size = max(terms, EXTREMAL / FEASIBLE * size)
+        size = max(whole(terms, np.abs(last(x[:, -1]))), EXTREMAL / FEASIBLE * size)
     return value, off / max(size, TINY)
 
 

@@ -169,5 +169,8 @@ def cut_at_knots(problem: Problem, piece: Piece) -> Iterator[Piece]:
     """
     apart = SAME_TIME * (piece.end - piece.start)
     inside = [t for t in knot_times(problem) if piece.start + apart < t < piece.end - apart]
+    if not inside:
+        yield piece
+        return
     for start, end in pairwise([piece.start, *inside, piece.end]):
         yield replace(piece, start=start, end=end)
