@@ -18,7 +18,7 @@ from socp.model.polynomials import (
     legendre_coefficients,
     piecewise,
 )
-from socp.model.result.arc import Arc
+from socp.model.result.arc import Arc, Which, in_arcs
 from socp.model.word import Mode
 from socp.transcription.schemes import lgr
 
@@ -119,6 +119,24 @@ def test_many_intervals_at_once_are_what_each_is(
         nodes = arc.nodes(k, which)
         wanted[:, interval == k] = lagrange(t[nodes], values[:, nodes], at[interval == k])
     assert arc.at(at, which) == pytest.approx(wanted, rel=1e-13, abs=1e-13, nan_ok=True)
+
+
+@pytest.mark.parametrize("which", ["x", "u"])
+def test_arcs_looked_at_together_have_each_its_own_values(which: Which) -> None:
+    """The time to the power of the arc's number, for a state that goes on and for one that jumps
+    where arcs meet; at such a time each arc has its own.
+    """
+    meshes = np.array([0, 3, 5, 8]), np.array([0, 4]), np.array([0, 4, 8])
+    arcs, times = [], []
+    for k, mesh in enumerate(meshes):
+        t = k + np.arange(mesh[-1] + 1.0) / mesh[-1]
+        rows = np.array([t, t**k])
+        modes = (Mode("free"),) * 2
+        arcs.append(Arc(t=t, x=rows, u=rows, costate=rows, mesh=mesh, side="left", modes=modes))
+        times.append(np.concatenate([np.linspace(k, k + 1.0, 7 + k), t[mesh]]))
+    for k, found in enumerate(in_arcs(arcs, which, times)):
+        assert found == pytest.approx(np.array([times[k], times[k] ** k]), rel=1e-13)
+        assert found == pytest.approx(arcs[k].at(times[k], which), rel=1e-13)
 
 
 def test_of_many_polynomials_those_asked_for_are_worked_on_alone() -> None:
