@@ -3,7 +3,7 @@ solutions.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from itertools import accumulate
 from typing import final
@@ -206,13 +206,9 @@ def _laws(grid: Grid, k: int) -> list[tuple[Expr, float, float, float]]:
 def _motion(problem: Problem, phase: Phase, laws: Sequence[Expr]) -> tuple[Point, list[float]]:
     """Return a phase's rates and running cost, each times its length, and its laws as a function
     of x, free, carried, t, p, z and the length, with the constants among its controls: phases that
-    differ in these alone share it. A control that is 0 stays, as it leaves entries out.
+    differ in these alone share it.
     """
-    control = casadi.vertsplit(phase.control)
-    at = [i for i, law in enumerate(control) if law.is_constant() and not law.is_zero()]
-    constants = casadi.vertcat(casadi.SX(0, 1), *(problem.u[i] for i in at))
-    opened = column(problem.u[i] if i in at else law for i, law in enumerate(control))
-    whole = replace(phase, control=opened)
+    whole, constants, values = phase.opened(problem)
 
     def made() -> Point:
         rate, running = whole.flow(problem)
@@ -221,7 +217,7 @@ def _motion(problem: Problem, phase: Phase, laws: Sequence[Expr]) -> tuple[Point
         y = casadi.vertcat(h * rate, h * phase.carried_rate, h * running, *laws)
         return Point(w, y, constants)
 
-    return once_alike(problem, whole, _motion, made, laws), [float(control[i]) for i in at]
+    return once_alike(problem, whole, _motion, made, laws), values
 
 
 def _closed(phased: PhasedProblem, first: list[int], name: str) -> np.ndarray:

@@ -2,7 +2,7 @@
 solution.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import final
@@ -15,7 +15,7 @@ from socp.laws import at_length
 from socp.model import Arc, Effort, Expr, Problem, Solution, numbers, of_motion, time
 from socp.solvers import NLPPoint
 from socp.transcription.mesh import Table
-from socp.transcription.phases import Phase, PhasedProblem, once_along
+from socp.transcription.phases import Phase, PhasedProblem, once_alike, once_along
 
 # Of a phase: which side of a jump a node is on, well above rounding and below any interval
 _NUDGE = 1e-9
@@ -262,17 +262,19 @@ def _control(problem: Problem, phase: Phase) -> casadi.Function:
 
 
 @of_motion
-def _slope(problem: Problem, phase: Phase) -> casadi.Function:
+def _slope(problem: Problem, phase: Phase) -> tuple[casadi.Function, np.ndarray]:
     """Return the gradient of the Hamiltonian along a phase's law, which carries no costate, as a
-    function of x, v, y, t, p, z and the costate.
+    function of constants in it, the costate, x, v, y, t, p and z, and these constants (nc,).
     """
+    whole, constants, values = phase.opened(problem)
 
     def made() -> casadi.Function:
-        rate, running = phase.flow(problem)
+        rate, running = whole.flow(problem)
         gradient = casadi.gradient(running + casadi.dot(problem.costate, rate), problem.x)
-        return casadi.Function("slope", [*_given(problem, phase), problem.costate], [gradient])
+        given = [constants, problem.costate, *_given(problem, phase)]
+        return casadi.Function("slope", given, [gradient])
 
-    return once_along(problem, phase, _slope, made)
+    return once_alike(problem, whole, _slope, made), np.array(values)
 
 
 def _given(problem: Problem, phase: Phase) -> list[Expr]:
@@ -291,8 +293,9 @@ def _costate(layout: Layout, point: NLPPoint, k: int, given: list[np.ndarray]) -
     costate[:, t.collocated] = (
         -t.B.transposed(multipliers).T[:, t.collocated] / t.weights[t.collocated]
     )
-    length, gradient = point.v[layout.lengths][k], _slope(problem, layout.phased.phases[k])
-    begins, ends = (_edge(t, multipliers, (length, gradient, given), last) for last in (0, 1))
+    gradient, constants = _slope(problem, layout.phased.phases[k])
+    length, slope = point.v[layout.lengths][k], partial(numbers, gradient, constants)
+    begins, ends = (_edge(t, multipliers, (length, slope, given), last) for last in (0, 1))
     inner = {
         "left": begins[:, 1:],
         "right": ends[:, :-1],
@@ -305,7 +308,7 @@ def _costate(layout: Layout, point: NLPPoint, k: int, given: list[np.ndarray]) -
 def _edge(
     t: Table,
     multipliers: np.ndarray,
-    flow: tuple[float, casadi.Function, list[np.ndarray]],
+    flow: tuple[float, Callable[..., list[np.ndarray]], list[np.ndarray]],
     last: int,
 ) -> np.ndarray:
     """Return the costates (nx, k) at the first (last = 0) or last (1) nodes of all intervals.
@@ -322,7 +325,7 @@ def _edge(
         stage = -inner.transposed(multipliers).T / weights
         nodes = t.mesh[last : t.mesh.size - 1 + last]
         at = [*(a[:, nodes] for a in given[:3]), given[3][nodes], *given[4:]]
-        (slope,) = numbers(gradient, *at, stage)
+        (slope,) = gradient(stage, *at)
         sensitivity = sensitivity + length * weights * slope
     return sensitivity if last == 0 else -sensitivity
 

@@ -116,6 +116,17 @@ class Phase:
         rate, running = (casadi.substitute(each, problem.u, self.control) for each in of)
         return rate, running
 
+    def opened(self, problem: Problem) -> tuple[Self, Expr, list[float]]:
+        """Return the phase with symbols in place of the constants among its controls, and both
+        (nc, 1): phases that differ in these alone are alike. A control that is 0 stays, as it
+        leaves entries out.
+        """
+        control = casadi.vertsplit(self.control)
+        at = [i for i, law in enumerate(control) if law.is_constant() and not law.is_zero()]
+        rows = column(problem.u[i] if i in at else law for i, law in enumerate(control))
+        symbols = casadi.vertcat(casadi.SX(0, 1), *(problem.u[i] for i in at))
+        return replace(self, control=rows), symbols, [float(control[i]) for i in at]
+
 
 @of_motion
 @once
