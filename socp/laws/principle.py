@@ -286,15 +286,17 @@ def _known(
     with their values put in, wherever that determines the singular controls too: one derivation
     serves all bounds, and the constraints on which a law turns out to be a number.
     """
-    general, put = bangs_open(modes), at_values
-    if general == modes and all(touch.control[i].is_constant() for i in setting.boundary):
+    general = bangs_open(modes)
+    kept = general == modes and all(touch.control[i].is_constant() for i in setting.boundary)
+    if kept:
         general = tuple(mode if mode.kind == "singular" else Mode("free") for mode in modes)
-        put = along_constraints
     if general == modes or setting.varying.numel():
         return None
     with suppress(MethodError):
         known = arc(setting.problem, general, constant=True)
-        found = known.chain and put(known.chain, setting, touch)
-        if found is not None:
-            return known, found
+        if known.chain is None:
+            return None
+        put = along_constraints if kept else at_values
+        found = put(known.chain, setting, touch)
+        return None if found is None else (known, found)
     return None

@@ -2,7 +2,7 @@
 them.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import final
@@ -15,7 +15,7 @@ from socp.laws.brackets import extended_costate
 from socp.laws.invariant import spans
 from socp.laws.links import Link, LostError, Search, begun, differentiate
 from socp.laws.setting import Contact, Setting, common_factor, equations, homogeneous
-from socp.model import Expr, Problem, column
+from socp.model import Expr, Problem, column, once
 
 _QUORUM = 2  # points at which a control has to appear: one might be chance
 _ASIDES = 3  # costates at most that are put aside: conserved quantities of one problem
@@ -72,39 +72,61 @@ def derivatives(setting: Setting, touch: Contact, tried: int | None = None) -> D
     raise first or LostError(setting.name())
 
 
-def at_values(chain: Derivatives, setting: Setting, touch: Contact) -> Derivatives | None:
-    """Return what was derived for constant controls with the values that an arc gives them, None
-    where it says less there: at too few points of its surface are the singular controls determined,
-    and no factor that was divided by vanishes.
+def at_values(
+    chain: Derivatives, setting: Setting, touch: Contact, held: Sequence[Expr] = ()
+) -> Derivatives | None:
+    """Return what was derived for constant controls with the values that an arc gives them, `held`
+    (each (1, nx + 1)) vanishing as well, None where it says less there: at too few points of its
+    surface are the singular controls determined, and no factor that was divided by vanishes.
     """
-    problem, k = setting.problem, len(setting.singular)
-    lines = [*chain.rows, *chain.rest, *(each for line in chain.slopes for each in line)]
-    whole, factors = casadi.substitute(
-        [casadi.vertcat(*lines), casadi.vertcat(*chain.factors)], [problem.u], [touch.control]
-    )
-    rows = casadi.vertsplit(casadi.sparsify(whole))
-    first, factors = len(chain.rows), casadi.vertsplit(factors)
-    slopes = [rows[first + (i + 1) * k : first + (i + 2) * k] for i in range(k)]
-    points = chain.points.copy()
+    problem, points = setting.problem, chain.points.copy()
     known = {i: float(e) for i, e in enumerate(touch.control.elements()) if e.is_constant()}
     points[[i - problem.u.numel() for i in known]] = [[value] for value in known.values()]
-    own = equations(setting, touch, rows[:first])
-    points = probes.onto(problem, own, points, interior=not setting.boundary)
-    matrix = probes.evaluator(
-        problem, matrix_of(slopes, extended_costate(problem)), casadi.vertcat(*factors)
+    lines = casadi.horzcat(*_lines(chain), *chain.factors)
+    if casadi.depends_on(lines, column(problem.u[i] for i in known)):
+        chain = _valued(chain, problem, touch.control)
+    rows = [*held, *chain.rows]
+    points = probes.onto(
+        problem, equations(setting, touch, rows), points, interior=not setting.boundary
     )
+    matrix = _decisive(chain, problem)
 
     def decisive(at: np.ndarray) -> np.ndarray:
         system, divided = matrix(at)
         return np.column_stack([np.linalg.det(system), divided[:, :, 0]])
 
     there = points[:, probes.real(problem, decisive, points).all(axis=1)]
-    if there.shape[1] < _QUORUM:
-        return None
-    rest = rows[first : first + k]
-    return replace(
-        chain, rows=rows[:first], rest=rest, slopes=slopes, factors=factors, points=there
+    return replace(chain, rows=rows, points=there) if there.shape[1] >= _QUORUM else None
+
+
+def _lines(chain: Derivatives) -> list[Expr]:
+    return [*chain.rows, *chain.rest, *(each for line in chain.slopes for each in line)]
+
+
+def _valued(chain: Derivatives, problem: Problem, control: Expr) -> Derivatives:
+    """Return what was derived with controls (nu, 1) put in."""
+    k, first = len(chain.rest), len(chain.rows)
+    whole, factors = casadi.substitute(
+        [casadi.vertcat(*_lines(chain)), casadi.vertcat(*chain.factors)], [problem.u], [control]
     )
+    rows = casadi.vertsplit(casadi.sparsify(whole))
+    slopes = [rows[first + (i + 1) * k : first + (i + 2) * k] for i in range(k)]
+    return replace(
+        chain,
+        rows=rows[:first],
+        rest=rows[first : first + k],
+        slopes=slopes,
+        factors=casadi.vertsplit(factors),
+    )
+
+
+@once
+def _decisive(chain: Derivatives, problem: Problem) -> probes.Evaluate:
+    """Return the function of points that gives the matrix of the singular controls, and the factors
+    that were divided by.
+    """
+    matrix = matrix_of(chain.slopes, extended_costate(problem))
+    return probes.evaluator(problem, matrix, casadi.vertcat(*chain.factors))
 
 
 def along_constraints(chain: Derivatives, setting: Setting, touch: Contact) -> Derivatives | None:
@@ -119,8 +141,7 @@ def along_constraints(chain: Derivatives, setting: Setting, touch: Contact) -> D
     pulls = casadi.mtimes(casadi.vertcat(*chain.rows)[:, : problem.x.numel()], slopes.T)
     if casadi.sparsify(pulls).nnz():
         return None
-    held = [common_factor(row)[1] for row in touch.rows]
-    return at_values(replace(chain, rows=[*held, *chain.rows]), setting, touch)
+    return at_values(chain, setting, touch, [common_factor(row)[1] for row in touch.rows])
 
 
 def _sources(problem: Problem, tried: int | None) -> Iterator[np.ndarray]:
