@@ -120,6 +120,22 @@ def test_derivatives_are_those_of_the_programme(data: Any, choice: int, seed: in
     assert slopes.nnz() == right[3].nnz()  # as sparse as the programme
 
 
+def test_arcs_that_share_a_function_have_their_own_constants() -> None:
+    bangs = follow(auv, Word.parse("r: + - +; f: + - -", auv.control_names))
+    grids = [uniform(radau_iia(3), 2)] * 3  # of 6 collocated nodes each
+    nlp = collocate(bangs, grids).problem
+    free = collocate(single_phase(auv, 3), grids).problem
+    assert nlp.derivatives is not None
+    assert free.derivatives is not None
+    v = np.random.default_rng(1).uniform(0.5, 1.5, nlp.v.numel())
+    low, high = auv.box
+    u = np.concatenate([np.tile(each, 6) for each in (high, low, [high[0], low[1]])])
+    f, g = nlp.derivatives().nlp(v, [])
+    wanted = free.derivatives().nlp(np.append(v, u), [])
+    np.testing.assert_allclose(f.full(), wanted[0].full(), rtol=1e-14)
+    np.testing.assert_allclose(g.full(), wanted[1].full(), atol=1e-14)
+
+
 @pytest.mark.parametrize(
     "scheme", [euler(), radau_iia(3), lgr(3), trapezoid()], ids=lambda s: s.name
 )
