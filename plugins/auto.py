@@ -18,7 +18,7 @@ from socp import (
     option,
     silent,
 )
-from socp.errors import SocpError
+from socp.errors import LateError, SocpError
 from socp.methods import scouted, solve_directly
 from socp.model import Stop
 from socp.process import time_limit
@@ -128,6 +128,11 @@ class Auto(Method):
             if known is None:
                 raise
             found = replace(known, stop=Stop.INTERRUPTED)
+        except LateError:  # what there is by then is what the seconds allow
+            known = _in_hand(search, directs)
+            if known is None:
+                raise
+            found = known
         except Exception as error:  # a fault of the search's own loses nothing
             known = _in_hand(search, directs)
             if known is None or isinstance(error, SocpError):

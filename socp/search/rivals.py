@@ -43,7 +43,7 @@ _ALIKE = 8  # shots of one word that are corrected
 _CORRECTED = 64  # shots that are corrected
 _MET = 1e-3  # of the median miss of random shots: as much is none
 # Steps of Gauss and Newton, and what is still off by so many times that miss is left after them
-_ROUNDS = (3, 0.6), (3, 0.4), (3, 0.4), (3, 0.4), (2, _MET)
+_ROUNDS = (3, 0.6), (3, 0.4), (3, 0.4), (8, _MET)
 _LED_ON = 0.5  # of a miss: three such steps leave less, but next to a least miss, which stays
 _BETTER = 1e-2  # of the cost: more than what shots that meet the ends so nearly are wrong by
 _WORDS = 3  # words solved, the best first

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from socp.errors import ProblemError
+from socp.errors import LateError, ProblemError
 from socp.laws import completed, independent
 from socp.model import (
     EXTREMAL,
@@ -248,14 +248,17 @@ def judge(problem: Problem, solution: Solution) -> Solution:
 
 
 def graded(problem: Problem, solution: Solution) -> Solution:
-    """Return a judged solution with its grade, where it is feasible and no extremal."""
+    """Return a judged solution with its grade, where it is feasible and no extremal, and the time
+    allowed is enough.
+    """
     verdict = solution.verdict
     if verdict is None or verdict.extremal or not verdict.feasible:
         return solution
     from socp.verdict.grading.grade import grade  # it brings scipy
 
     began = time.perf_counter()
-    with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError, ValueError, ArithmeticError):
+    failures = np.linalg.LinAlgError, ValueError, ArithmeticError, LateError
+    with np.errstate(all="ignore"), suppress(*failures):
         verdict = replace(verdict, grade=grade(problem, solution))
     spent = solution.seconds.get("judge", 0.0) + time.perf_counter() - began
     return solution.with_judgement(verdict=verdict).spent(judge=spent)

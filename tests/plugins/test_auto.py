@@ -4,6 +4,7 @@ the rest.
 
 import importlib
 import re
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from casadi import cos, sin
 
 from socp import Ipopt, Problem, Solution, controls, default_guess, run, states
+from socp.errors import LateError
 from socp.model.progress import Progress
 from socp.model.result.solution import Stop
 from socp.model.symbols import final_time, initial_time, time
@@ -266,3 +268,17 @@ def test_a_fault_of_the_search_leaves_what_is_in_hand(
     assert found.verdict.feasible
     assert found.objective == pytest.approx(1 + np.sqrt(6), rel=1e-3)
     assert "internal error: ValueError: cannot be" in found.message
+
+
+def test_time_that_ends_on_the_way_leaves_what_is_in_hand(
+    registry: Registry, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def late(*_: object) -> None:
+        raise LateError("re-integration: the time for it is over")
+
+    monkeypatch.setattr("socp_plugins.auto.conclude", late)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = solved(registry, load("double_integrator_time"))
+    assert found.extremal
+    assert found.objective == pytest.approx(1 + np.sqrt(6), rel=1e-9)

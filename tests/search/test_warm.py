@@ -50,8 +50,8 @@ def derived(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         seen.append(setting.name())
         return known(setting, *given)
 
-    known = principle._chain
-    monkeypatch.setattr(principle, "_chain", counted)
+    known = principle.contact
+    monkeypatch.setattr(principle, "contact", counted)
     return seen
 
 

@@ -32,6 +32,7 @@ from socp.model import (
     APPROXIMATE,
     Arc,
     Grade,
+    cached,
     from_json,
     mayer_function,
     rate_function,
@@ -39,10 +40,11 @@ from socp.model import (
     to_json,
 )
 from socp.model.symbols import time
+from socp.process import time_limit
 from socp.registry.plugins import Registry
 from socp.registry.standard import STANDARD, turning_back
 from socp.transcription import Mesh, euler, hermite_simpson, lgr, trapezoid
-from socp.verdict import grade
+from socp.verdict import certified, certify, grade, reintegration
 from socp.verdict.grading import weighing
 from socp.verdict.grading.pieces import Pieces
 from socp.verdict.grading.unknowns import Unknowns
@@ -434,3 +436,18 @@ def test_a_grade_is_read_back_and_older_files_have_none() -> None:
     assert read is not None
     assert read.grade is None
     assert not read.approximate
+
+
+def test_without_time_there_is_no_grade_and_the_verdict_stays() -> None:
+    """The last motions that re-integration has kept may be others by then."""
+    known = truths()["jacobson_1"][0]
+    problem = replace(known)
+    judged = certified(problem, on(problem, GRIDS["trapezoid 120"]))
+    cached(problem, reintegration._in_time).clear()
+    with time_limit(0.0):
+        late = certify.graded(problem, judged)
+    assert judged.verdict is not None
+    assert late.verdict == judged.verdict
+    found = certify.graded(problem, judged).verdict
+    assert found is not None
+    assert found.grade is not None
