@@ -2,7 +2,7 @@
 which one is best.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain, islice
@@ -16,7 +16,7 @@ from socp.methods.driving import motions, other_horizons
 from socp.methods.guess import guess_of, scattered_guesses
 from socp.model import Problem, Solution, Stop, Watch, silent, staged
 from socp.process import seconds_left
-from socp.solvers import NLP, Backend, default_backend
+from socp.solvers import NLP, Backend, NLPPoint, default_backend
 from socp.transcription import Layout, knotted, laid_out, lift, push, radau_iia, single_phase
 
 _STEPS = 20  # intervals: the extremals of a problem differ by more than these are off
@@ -159,17 +159,20 @@ class _Scouting:
             if start.stop is Stop.INTERRUPTED:
                 return Scouted(((start, 0),), tried)
             watch = staged(self.watch, f"scout {tried}")
-            found = self.solved(units[0](), start, backend, watch)
-            if not met and not (found and (found.stop.ok or found.stop is Stop.INTERRUPTED)):
-                found = self.solved(units[1](), start, backend, watch)
-                if found and found.stop.ok:  # what leads somewhere goes first
+            programme = units[0]()
+            point = self.point(programme, start, backend, watch)
+            if not met and not (point and (point.stop.ok or point.stop is Stop.INTERRUPTED)):
+                programme = units[1]()
+                point = self.point(programme, start, backend, watch)
+                if point and point.stop.ok:  # what leads somewhere goes first
                     units = units[::-1]
-            if found is None:
+            if point is None:
                 continue
-            if found.stop is Stop.INTERRUPTED:
-                return Scouted(((found, 0),), tried)
-            if found.stop.ok:
-                met = count_in(met, found)
+            if point.stop is Stop.INTERRUPTED:
+                return Scouted(((self.lifted(programme, point), 0),), tried)
+            if point.stop.ok:  # of one that is met again the objective is enough
+                k = _known(met, programme[1].restored(point).objective)
+                met = count_in(met, self.lifted(programme, point)) if k is None else _again(met, k)
             if _told(met) or (not met and tried == few):
                 break
         return Scouted(tuple(met), tried, {each: self.coarse[each] for each, _ in met})
@@ -177,14 +180,24 @@ class _Scouting:
     def solved(
         self, programme: _Programme, start: Solution, backend: Backend, watch: Watch
     ) -> Solution | None:
+        """Return the solution of a programme from a start; None where that cannot be."""
+        point = self.point(programme, start, backend, watch)
+        return None if point is None else self.lifted(programme, point)
+
+    def point(
+        self, programme: _Programme, start: Solution, backend: Backend, watch: Watch
+    ) -> NLPPoint | None:
         """Solve a programme from a start; None where that cannot be."""
         nlp, layout = programme
         try:
-            point = backend(nlp, push(layout, start), lifting_watch(watch, nlp, layout))
+            return backend(nlp, push(layout, start), lifting_watch(watch, nlp, layout))
         except SolveError:
             return None
-        found = lift(layout, point)
-        self.coarse[found] = Coarse(self.mesh, layout, point)
+
+    def lifted(self, programme: _Programme, point: NLPPoint) -> Solution:
+        """Return the solution that a point of a programme is, and note the two."""
+        found = lift(programme[1], point)
+        self.coarse[found] = Coarse(self.mesh, programme[1], point)
         return found
 
 
@@ -230,9 +243,20 @@ def _told(met: list[tuple[Solution, int]]) -> bool:
 
 def count_in(met: list[tuple[Solution, int]], solution: Solution) -> list[tuple[Solution, int]]:
     """Count one more solution among those met, clustered by objective, best first."""
-    for k, (known, count) in enumerate(met):
-        if abs(known.objective - solution.objective) <= _ALIKE * (
-            abs(known.objective) + abs(solution.objective)
-        ):
-            return [*met[:k], (known, count + 1), *met[k + 1 :]]
-    return sorted([*met, (solution, 1)], key=lambda pair: pair[0].objective)
+    k = _known(met, solution.objective)
+    if k is None:
+        return sorted([*met, (solution, 1)], key=lambda pair: pair[0].objective)
+    return _again(met, k)
+
+
+def _again(met: list[tuple[Solution, int]], k: int) -> list[tuple[Solution, int]]:
+    """Count the one of a number once more."""
+    return [*met[:k], (met[k][0], met[k][1] + 1), *met[k + 1 :]]
+
+
+def _known(met: Sequence[tuple[Solution, int]], objective: float) -> int | None:
+    """Return which of those met has an objective, None where none has."""
+    for k, (known, _) in enumerate(met):
+        if abs(known.objective - objective) <= _ALIKE * (abs(known.objective) + abs(objective)):
+            return k
+    return None
