@@ -34,7 +34,7 @@ def with_hidden_bangs(problem: Problem, first: Candidate) -> Candidate:
     """Return a candidate with a bang arc wherever a control leaves its singular or boundary law at
     an end of its stretch.
 
-    The integral of the deviation over the interval there, over how far the bang is off the law, is
+    The integral of the deviation over the intervals there, over how far the bang is off the law, is
     the length of the arc. A neighbouring bang of the same sign explains a deviation by itself: its
     switch is smeared.
     """
@@ -47,7 +47,16 @@ def with_hidden_bangs(problem: Problem, first: Candidate) -> Candidate:
             beside = (edges[k - 1][0] if k else "", edges[k + 1][0] if k + 1 < len(edges) else "")
             for bang, start, end in _bangs(problem, first, i, (a, b)):
                 if bang != beside[int(start + end > a + b)]:
-                    found = held(found, i, Mode.parse(bang), (start, end))
+                    found = _in_place(found, i, Mode.parse(bang), (start, end))
+    return found
+
+
+def _in_place(given: Candidate, i: int, mode: Mode, span: tuple[float, float]) -> Candidate:
+    """Return a candidate with control i in another mode over a span, whatever arcs it is of."""
+    found = given
+    for start, end in pairwise(given.edges):
+        if start < span[1] and end > span[0]:
+            found = held(found, i, mode, (max(start, span[0]), min(end, span[1])))
     return found
 
 
@@ -71,21 +80,27 @@ def _joined(stretches: Iterable[Stretch]) -> list[Stretch]:
 
 def _bangs(problem: Problem, given: Candidate, i: int, span: tuple[float, float]) -> list[Stretch]:
     """Return the bangs at the ends of a stretch of control i along a law at which it deviates
-    clearly: they go to the bound that it deviates towards.
+    clearly: they go to the bound that it deviates towards, over all intervals in a row in which it
+    does.
     """
-    t, off, law = _deviations(problem, given, i, span)
+    t, off, law, steps = _deviations(problem, given, i, span)
     if t.size < 4:  # too short a stretch to tell a deviation from the law's own course
         return []
     low, high = problem.box[:, i]
     level = max(_CLEAR * float(np.median(np.abs(off))), _LEAST * (high - low))
     found = list[Stretch]()
-    for k, step in ((0, t[1] - t[0]), (-1, t[-1] - t[-2])):
-        if not abs(off[k]) > level:
+    for first in (True, False):
+        order = slice(None, None, 1 if first else -1)
+        at_end, along, step = off[order], law[order], steps[order]
+        if not abs(at_end[0]) > level:
             continue
-        bang, bound = ("+", high) if off[k] > 0 else ("-", low)
-        share = off[k] / (bound - law[k]) if law[k] != bound else 1.0
-        length = step * (min(share, _HIDDEN) if share > 0 else 1.0)  # laws may leave the box
-        ends = (span[0], span[0] + length) if k == 0 else (span[1] - length, span[1])
+        bang, bound = ("+", high) if at_end[0] > 0 else ("-", low)
+        run = int(np.argmin(np.append(np.sign(at_end[0]) * at_end > level, False)))
+        # laws may leave the box
+        share = np.divide(at_end, bound - along, np.ones(t.size), where=along != bound)[:run]
+        length = float(step[:run] @ np.where(share > 0, np.minimum(share, _HIDDEN), 1.0))
+        length = min(length, span[1] - span[0])
+        ends = (span[0], span[0] + length) if first else (span[1] - length, span[1])
         found.append((bang, *ends))
     return found
 
@@ -94,9 +109,9 @@ def _deviations(
     problem: Problem, given: Candidate, i: int, span: tuple[float, float]
 ) -> np.ndarray:
     """Return the middles of the grid's intervals in a stretch, the mean deviation of control i
-    there, and its mean law: (3, k).
+    there, its mean law, and their lengths: (4, k).
     """
-    rows = [np.empty((3, 0))]
+    rows = [np.empty((4, 0))]
     for modes, (a, b) in zip(given.arcs, pairwise(given.edges), strict=True):
         if not span[0] <= (a + b) / 2.0 <= span[1]:
             continue
@@ -111,7 +126,7 @@ def _deviations(
                 t[some] = arc.t[nodes].mean(axis=1)
             inside = (a <= t) & (t <= b)
             off, along = (arc.means(each)[inside] for each in (arc.u[i] - own, own))
-            rows.append(np.array([t[inside], off, along]))
+            rows.append(np.array([t[inside], off, along, np.diff(arc.t[arc.mesh])[inside]]))
     found = np.hstack(rows)
     return found[:, np.argsort(found[0])]
 

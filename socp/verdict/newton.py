@@ -34,8 +34,6 @@ _BROUGHT = 0.05
 # Of the variables' magnitudes: a step below it is rounding, which may keep it at some times as much
 _DONE = 1e-13
 _ROUNDING = 100.0
-# Steps that are one to a rough Hessian: of order 8, with steps that leave 1e-13, it is off by 1e-8
-_TOGETHER = 4
 # Of the variables' magnitudes: Newton that goes further than this goes to another solution
 AWAY = 1e-4
 
@@ -98,26 +96,22 @@ class Conditions:
         held: np.ndarray = np.linalg.lstsq(slopes.T, -gradient, rcond=None)[0]
         return held
 
-    def system(self, at: np.ndarray, held: np.ndarray, *, roughly: bool = True) -> "System":
-        """Return the linear system at variables (n,) and multipliers (m,), by a rough Hessian where
-        it is for Newton's steps.
-        """
-        key = at.tobytes(), held.tobytes(), roughly
-        return lately(self, Conditions.system, key, partial(self._system, at, held, roughly))
+    def system(self, at: np.ndarray, held: np.ndarray) -> "System":
+        """Return the linear system at variables (n,) and multipliers (m,)."""
+        key, make = (at.tobytes(), held.tobytes()), partial(self._system, at, held)
+        return lately(self, Conditions.system, key, make)
 
-    def _system(self, at: np.ndarray, held: np.ndarray, roughly: bool) -> "System":
-        C, H = self.derivatives(at, held, roughly=roughly)
+    def _system(self, at: np.ndarray, held: np.ndarray) -> "System":
+        C, H = self.derivatives(at, held)
         n, C = at.size, C * self.size
         matrix = np.zeros((n + held.size, n + held.size))
         matrix[:n, :n], matrix[:n, n:], matrix[n:, :n] = H * self.size[:, None] * self.size, C.T, C
         return System.of(matrix, self.size)
 
-    def derivatives(
-        self, at: np.ndarray, held: np.ndarray, *, roughly: bool = False
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def derivatives(self, at: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the slopes of the equations (m, n) and the Hessian (n, n) of the Lagrangian."""
-        here, key = self.linearised(at), (at.tobytes(), held.tobytes(), roughly)
-        make = partial(here.hessian, held, _TOGETHER if roughly else 1)
+        here, key = self.linearised(at), (at.tobytes(), held.tobytes())
+        make = partial(here.hessian, held)
         bent = lately(self, Conditions.derivatives, key, make)
         return here.slopes, bent
 

@@ -143,7 +143,7 @@ class _System:
     @cached_property
     def matrix(self) -> System:
         """Newton's matrix where it has settled; its last one may be from next to it."""
-        return self.conditions.system(self.there.at, self.there.held, roughly=False)
+        return self.conditions.system(self.there.at, self.there.held)
 
     @cached_property
     def weak(self) -> set[str]:

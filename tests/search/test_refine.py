@@ -32,7 +32,7 @@ from socp.search.mending import mends
 from socp.search.reading import candidate, read, with_hidden_bangs
 from socp.solvers import default_backend
 from socp.solvers.contract import NLP, NLPPoint
-from socp.transcription import euler, single_phase, uniform
+from socp.transcription import euler, radau_iia, single_phase, uniform
 from socp.transcription.cutting import between, part
 from socp.verdict import tested as held_against_conditions
 from socp.verdict.junctions import chattering
@@ -155,6 +155,32 @@ def test_a_bang_shorter_than_a_step_is_found_before_a_boundary_arc() -> None:
     found = with_hidden_bangs(problem, read(problem, direct))
     assert spelt(found) == ["+", "b[v.upper]"]
     assert found.edges[1] == pytest.approx(0.025, rel=1e-3)
+
+
+@pytest.mark.parametrize("first", [0.2, 1.0, 5.0])
+@pytest.mark.parametrize("edge", [0.003, 0.006, 0.015])
+def test_a_hidden_bang_stands_over_switches_of_others_and_on_any_grid(
+    first: float, edge: float
+) -> None:
+    """From 0.01 u brings x to zero, beside w, which switches at an edge before that or after."""
+    x, y = states("x y")
+    u, w = controls("u w")
+    problem = Problem(
+        name="two",
+        running=x**2 / 2 + y**2 / 2,
+        dynamics={x: u, y: w},
+        bounds={u: (-1, 1), w: (-1, 1)},
+        start={x: 0.01, y: 0.9},
+        final_time=1.0,
+    )
+    mesh = [(first if k == 0 else 1.0, radau_iia(2)) for k in range(25)]
+    direct = solve_collocated(
+        single_phase(problem), [mesh], default_backend(), default_guess(problem)
+    )
+    arcs = tuple((Mode("singular"), Mode(each)) for each in ("upper", "lower"))
+    found = with_hidden_bangs(problem, Candidate(arcs, (0.0, edge, 1.0), direct))
+    assert spelt(found) == (["- +", "- -", "s -"] if edge < 0.01 else ["- +", "s +", "s -"])
+    assert found.edges[1 + (edge < 0.01)] == pytest.approx(0.01, rel=1e-2)
 
 
 def test_reading_takes_fast_flutter_for_a_singular_arc() -> None:
