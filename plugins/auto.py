@@ -123,16 +123,13 @@ class Auto(Method):
                     lower = lowered(problem, found, search.backend, watch)
                     if lower is not found:
                         found = with_agreement(problem, lower, self.digits, search.backend, watch)
-        except KeyboardInterrupt:  # between two solves; inside one the backend stops by itself
+        except (KeyboardInterrupt, LateError) as error:
             known = _in_hand(search, directs)
             if known is None:
                 raise
-            found = replace(known, stop=Stop.INTERRUPTED)
-        except LateError:  # what there is by then is what the seconds allow
-            known = _in_hand(search, directs)
-            if known is None:
-                raise
-            found = known
+            # Ctrl-C comes between two solves; inside one the backend stops by itself
+            late = isinstance(error, LateError)
+            found = known if late else replace(known, stop=Stop.INTERRUPTED)
         except Exception as error:  # a fault of the search's own loses nothing
             known = _in_hand(search, directs)
             if known is None or isinstance(error, SocpError):

@@ -15,8 +15,6 @@ from socp.model import (
     Expr,
     Modes,
     Problem,
-    cached,
-    identity,
     lagrange,
     numbers,
     of_motion,
@@ -149,15 +147,11 @@ def closed_flow(problem: Problem, modes: Modes) -> casadi.Function:
     control = opened(problem, laws.arc_law(problem, modes).control)
     if casadi.is_equal(control, problem.u):
         return open_flow(problem)
-    # with the flow its law stays, by whose places in memory it is told apart
-    key = identity(control)
-    known: dict[tuple[int, ...], tuple[Expr, casadi.Function]] = cached(problem, _closed)
-    if key not in known:
-        known[key] = control, _closed(problem, control)
-    return known[key][1]
+    return _closed(problem, control)
 
 
 @of_motion
+@once
 def _closed(problem: Problem, control: Expr) -> casadi.Function:
     rates = open_flow(problem)(problem.x, control, time, problem.p)
     return casadi.Function("flow", [problem.x, problem.u, time, problem.p], [rates])
