@@ -13,6 +13,7 @@ time's).
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from itertools import compress
 from typing import Any, final
 
 import casadi
@@ -20,7 +21,7 @@ import numpy as np
 
 from socp.model import Expr
 from socp.solvers import Derivatives
-from socp.transcription.entries import Entries, Lines
+from socp.transcription.entries import Entries, Lines, pattern_of
 
 
 @final
@@ -90,7 +91,7 @@ def _pattern(matrix: Expr) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _entries(matrix: Expr) -> Expr:
-    return casadi.vertcat(casadi.SX(0, 1), *matrix.nonzeros())
+    return matrix.nz[:]
 
 
 @final
@@ -128,7 +129,12 @@ class Term:
 
     def called(self, kind: str, w: Any, *more: Any) -> Any:
         """Return a function of its points, by its name, at their arguments, a column each."""
-        return self.point.at(kind, self.count)(w, casadi.DM(self.constants), *more)
+        return self.point.at(kind, self.count)(w, self._given, *more)
+
+    @cached_property
+    def _given(self) -> casadi.DM:
+        shape, values = self.constants.shape, self.constants.T.ravel().tolist()
+        return casadi.DM(casadi.Sparsity.dense(*shape), values) if values else casadi.DM(*shape)
 
     @cached_property
     def entering(self) -> Entries:
@@ -179,48 +185,50 @@ class Programme:
     terms: Sequence[Term]
 
     @cached_property
-    def _linear(self) -> casadi.DM:
-        return self.A.matrix()
-
-    @cached_property
-    def _ends(self) -> tuple[np.ndarray, np.ndarray]:
+    def _ends(self) -> tuple[list[int], list[int]]:
         """Where the arguments and the values of every term begin among those of all, and the last
         end.
         """
         sizes = [(t.count * t.point.w.numel(), t.count * t.point.y.numel()) for t in self.terms]
         ends = np.cumsum([(0, 0), *sizes], axis=0)
-        return ends[:, 0], ends[:, 1]
+        return ends[:, 0].tolist(), ends[:, 1].tolist()
 
     @cached_property
     def _given(self) -> casadi.DM:
         """All arguments as a matrix on the variables."""
         parts = [t.E.moved(at, 0) for t, at in zip(self.terms, self._ends[0], strict=False)]
-        return Entries.joined((int(self._ends[0][-1]), self.A.shape[1]), parts).matrix()
+        return Entries.joined((self._ends[0][-1], self.A.shape[1]), parts).matrix()
 
     @cached_property
     def _entering(self) -> casadi.DM:
-        """Rows as a matrix on all values, and the objective as one more row."""
-        parts = [t.entering.moved(0, at) for t, at in zip(self.terms, self._ends[1], strict=False)]
-        return Entries.joined((self.A.shape[0] + 1, int(self._ends[1][-1])), parts).matrix()
+        """Rows and, as one more, the objective as a matrix on the variables and all values."""
+        (m, n), ends = self.A.shape, self._ends[1]
+        parts = [t.entering.moved(0, n + at) for t, at in zip(self.terms, ends, strict=False)]
+        return Entries.joined((m + 1, n + ends[-1]), [self.A, *parts]).matrix()
 
     def _apart(self, values: Any, which: int) -> list[Any]:
         """Return all arguments (0) or values (1) term by term, a column a point."""
-        ends = self._ends[which].tolist()
-        parts = casadi.vertsplit(casadi.densify(values), ends)
+        ends, kind = self._ends[which], type(values)
         return [
-            casadi.reshape(each, -1, term.count)
-            for each, term in zip(parts, self.terms, strict=True)
+            kind(casadi.Sparsity.dense((end - at) // t.count, t.count), values[at:end])
+            for t, at, end in zip(self.terms, ends, ends[1:], strict=False)
         ]
 
     def values(self, v: Any) -> tuple[Any, Any]:
         """Return objective (1, 1) and rows (m, 1) for variables v, as expressions of their kind."""
-        return self._valued(v, self._apart(casadi.mtimes(self._given, v), 0))
+        return self._valued(v, self._apart(_times(self._given, v), 0))
 
     def _valued(self, v: Any, given: Sequence[Any]) -> tuple[Any, Any]:
         values = [t.called("value", w) for t, w in zip(self.terms, given, strict=True)]
-        found = casadi.mtimes(self._entering, casadi.vertcat(*map(casadi.vec, values)))
-        objective, m = found[self.A.shape[0]], self.A.shape[0]
-        return casadi.densify(objective), casadi.densify(casadi.mtimes(self._linear, v) + found[:m])
+        found, m = _times(self._entering, casadi.veccat(v, *values)), self.A.shape[0]
+        costly = [t.cost.any() for t in self.terms]
+        if all(costly):
+            return found[m], found[:m]
+        # a solver asks for it by itself at times: then nothing else is worked out
+        cost = np.concatenate([t.cost for t in compress(self.terms, costly)])
+        here = np.flatnonzero(cost)
+        row = Entries((1, cost.size), 0 * here, here, cost[here]).matrix()
+        return _times(row, casadi.veccat(*compress(values, costly))), found[:m]
 
     @cached_property
     def derivatives(self) -> Derivatives:
@@ -228,9 +236,9 @@ class Programme:
         m, n = self.A.shape
         v, p = casadi.MX.sym("v", n), casadi.MX.sym("p", 0)
         lam_f, lam_g = casadi.MX.sym("lam_f"), casadi.MX.sym("lam_g", m)
-        given = self._apart(casadi.mtimes(self._given, v), 0)
+        given = self._apart(_times(self._given, v), 0)
         f, g = self._valued(v, given)
-        held = self._apart(casadi.mtimes(self._entering.T, casadi.vertcat(lam_g, lam_f)), 1)
+        held = self._apart(_times(self._entering[:, n:].T, casadi.vertcat(lam_g, lam_f)), 1)
         gradient, slopes = _Sum.of((n, 1)), _Sum.of((m, n))
         curvature = _Sum.of((n, n))
         A, one = self.A, np.zeros(self.A.rows.size, dtype=int)
@@ -285,7 +293,7 @@ class _Sum:
         """Add factors times places of a source at rows and columns."""
         if rows.size:
             before = sum(each.numel() for each in self.sources)
-            self.sources.append(casadi.vec(source))
+            self.sources.append(source)
             self.parts.append((rows, columns, factors, places + before))
 
     def matrix(self) -> casadi.MX:
@@ -297,8 +305,14 @@ class _Sum:
         )
         # column after column, as casadi keeps them
         where, entry = np.unique(columns * self.shape[0] + rows, return_inverse=True)
-        given = casadi.vertcat(*self.sources)
+        given = casadi.veccat(*self.sources)
         weights = Entries((where.size, given.numel()), entry, places, factors).matrix()
         ends = np.searchsorted(where, self.shape[0] * np.arange(self.shape[1] + 1))
-        pattern = casadi.Sparsity(*self.shape, ends.tolist(), (where % self.shape[0]).tolist())
-        return casadi.MX(pattern, casadi.densify(casadi.mtimes(weights, given)))
+        pattern = pattern_of(self.shape, ends, where % self.shape[0])
+        return casadi.MX(pattern, _times(weights, given))
+
+
+def _times(matrix: casadi.DM, values: Any) -> Any:
+    """Return a sparse matrix of numbers times a dense column, dense: no pattern is worked out."""
+    kind = type(values)
+    return casadi.mac(kind(matrix), values, kind.zeros(matrix.size1(), 1))

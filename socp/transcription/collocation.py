@@ -157,7 +157,8 @@ def _dynamics(grid: Grid, rows: _Rows, terms: Terms, k: int, defects: slice) -> 
         kept = rows.add(K, low, high, width)
         entries.append(rows.each(kept, ny * np.arange(K) + nz + 1 + i))
     cost = np.zeros((K, ny))
-    cost[:, nz] = t.weights[at] / grid.scale.cost
+    if not point.y[nz].is_zero():  # else the objective is one of the ends alone
+        cost[:, nz] = t.weights[at] / grid.scale.cost
     X, times = grid.X[:, grid.first[k] : grid.first[k + 1] + 1], grid.times(k)
     given: list[Given] = [
         X[:, at],

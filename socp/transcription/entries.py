@@ -61,8 +61,7 @@ class Entries:
         where, entry = np.unique(self.columns * m + self.rows, return_inverse=True)
         data = np.bincount(entry, self.values, where.size)
         ends = np.searchsorted(where, m * np.arange(n + 1))
-        pattern = casadi.Sparsity(m, n, ends.tolist(), (where % max(m, 1)).tolist())
-        return casadi.DM(pattern, data.tolist())
+        return casadi.DM(pattern_of(self.shape, ends, where % max(m, 1)), data.tolist())
 
     def by_rows(self) -> "Lines":
         """Return the entries row after row."""
@@ -98,3 +97,10 @@ class Lines:
         inside = np.arange(of.size) - np.repeat(np.cumsum(size) - size, size)
         at = np.repeat(begin, size) + inside
         return of, self.places[at], self.values[at]
+
+
+def pattern_of(shape: tuple[int, int], ends: np.ndarray, rows: np.ndarray) -> casadi.Sparsity:
+    """Return a pattern of a shape (m, n) from where its columns end (n + 1,) among the rows of its
+    entries (k,), which ascend in each; casadi looks at one list once, and at several twice.
+    """
+    return casadi.Sparsity.compressed([*shape, *ends.tolist(), *rows.tolist()])

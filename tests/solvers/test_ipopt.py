@@ -18,6 +18,7 @@ from socp.errors import MethodError, SolveError
 from socp.methods.guess import default_guess
 from socp.model.progress import Progress
 from socp.model.result.solution import Stop
+from socp.process import time_limit
 from socp.solvers import documented
 from socp.solvers.backends import ipopt as module
 from socp.solvers.backends.ipopt import Ipopt
@@ -103,6 +104,47 @@ def test_multipliers_of_the_guess_start_it_warm() -> None:
 
 
 # -- options
+
+
+def banana() -> NLP:
+    return programme((1 - a) ** 2 + 100 * (b - a**2) ** 2, a + b, low=0.0)
+
+
+def test_a_programme_solved_again_goes_the_way_of_its_first_solve() -> None:
+    again, starts = banana(), [(-1.0, 1.5), (2.0, 0.0), (-1.0, 1.5)]
+    known = [Ipopt()(banana(), at(*start)) for start in starts]
+    stopped = Ipopt()(again, at(0, 5), lambda now: now.iteration == 3)
+    found = [Ipopt()(again, at(*start)) for start in starts]
+    assert stopped.stop is Stop.INTERRUPTED
+    for one, other in zip(known, found, strict=True):
+        assert other.stop is Stop.SOLVED
+        assert (other.iterations, other.trace) == (one.iterations, one.trace)
+        np.testing.assert_array_equal(other.v, one.v)
+
+
+def test_a_programme_is_set_up_anew_for_other_options_and_other_times(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made: list[dict[str, Any]] = []
+    real, short = casadi.nlpsol, Ipopt({"max_iter": 2})
+
+    def counted(*given: Any) -> Any:
+        made.append(given[-1])
+        return real(*given)
+
+    monkeypatch.setattr(casadi, "nlpsol", counted)
+    nlp = banana()
+    for _ in range(2):
+        Ipopt()(nlp, at(0, 5))
+    assert len(made) == 1
+    short(nlp, at(0, 5))
+    assert len(made) == 2
+    for seconds, solves in ((1e3, 2), (1e2, 1), (1e3, 1)):
+        with time_limit(seconds):
+            for _ in range(solves):
+                Ipopt()(nlp, at(0, 5))
+    limits = [each["ipopt.max_wall_time"] for each in made[2:]]
+    assert limits == pytest.approx([1e3, 1e2, 1e3], rel=1e-2)
 
 
 def test_options_reach_ipopt_by_their_own_names() -> None:

@@ -71,7 +71,10 @@ _STOPS = {
 # What Ipopt says of iterations in all as of those that seek the constraints alone
 _EXCEEDED = "Ipopt: Maximum Iterations Exceeded"
 _LOST = "Ipopt: it does not find back to the constraints"
-_INSTANT = 1e-3  # seconds
+_INSTANT, _WALL = 1e-3, "ipopt.max_wall_time"  # seconds
+# Of the time left, by which a solve may end late where it takes over what one before it was set up
+# with: less than what comes of its result takes, and more than some solves of a small programme
+_HAIR = 0.02
 _TRACED = {
     "obj": "objective",
     "inf_pr": "inf_pr",
@@ -134,25 +137,33 @@ class Ipopt:
             return overdetermined.met(nlp, guess, int(self._settings()["max_iter"]))
         if seconds_left() <= 0.0:
             return replace(guess, stop=Stop.LIMIT, message="the time for it is over")
-        observer = Observer(self.name, nlp, watch)
+        warm = {} if guess.lam_v is None or guess.lam_g is None else _WARM
+        settings = _settings(nlp, warm | self._settings())
+        known: _Ready | None = vars(nlp).pop(_READY, None)  # nobody else's while it is at work
+        known = known if known is not None and known.will_do(settings) else None
+        observer = Observer(self.name, nlp) if known is None else known.observer
+        observer.begin(watch)
         try:
             with requesting(
                 observer.ask
             ):  # from the start: in a callback Ctrl-C would pass for a failure of casadi
-                warm = {} if guess.lam_v is None or guess.lam_g is None else _WARM
-                solver = _solver(nlp, observer, warm | self._settings())
+                known = known or _Ready(settings, observer, _solver(nlp, observer, settings))
                 built = time.perf_counter()
-                result = solver(**arguments(nlp, guess))
+                result = known.solver(**arguments(nlp, guess))
         except RuntimeError as error:
             raise SolveError(f"Ipopt could not run: {last_line(error)}") from error
         if observer.error is not None:
             raise observer.error
+        stopped = observer.stop
+        if nlp.count < _LARGE:  # the factors of a large one fill memory
+            observer.begin(silent)  # whoever watched is not kept with it
+            vars(nlp)[_READY] = known
         seconds = {"build": built - began, "solve": time.perf_counter() - built}
-        point = _point(result, solver.stats(), seconds)
+        point = _point(result, known.solver.stats(), seconds)
         if point.message == _EXCEEDED and point.iterations < int(self._settings()["max_iter"]):
             point = replace(point, stop=Stop.INFEASIBLE, message=_LOST)
         point = (
-            replace(point, stop=Stop.INTERRUPTED) if observer.stop else point
+            replace(point, stop=Stop.INTERRUPTED) if stopped else point
         )  # Ipopt asks no more at its end
         return _explained(point, nlp, guess, self.options) if point.stop is Stop.FAILED else point
 
@@ -167,21 +178,49 @@ class Ipopt:
         return found | {name: self.asked[name] for name in _FINAL if name in self.asked}
 
 
-def _solver(nlp: NLP, observer: Observer, options: Mapping[str, Any]) -> casadi.Function:
-    settings = {"print_time": False, "show_eval_warnings": False, "iteration_callback": observer}
+@final
+@dataclass(frozen=True, eq=False)
+class _Ready:
+    """What casadi made of a programme and settings, and what it calls at every iteration: solves
+    of it from other guesses need no other.
+    """
+
+    settings: Mapping[str, Any]
+    observer: Observer
+    solver: casadi.Function
+
+    def will_do(self, settings: Mapping[str, Any]) -> bool:
+        """Tell whether it is what settings make, but for a hair of the time that is left."""
+        untimed = ({**each, _WALL: 0.0} for each in (self.settings, settings))
+        limits = (each.get(_WALL, math.inf) for each in (self.settings, settings))
+        (ours, wanted), (known, left) = untimed, limits
+        return ours == wanted and left <= known <= (1.0 + _HAIR) * left
+
+
+_READY = "ready for ipopt"  # where it stands beside what a programme has of its own
+
+
+def _settings(nlp: NLP, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what casadi is told of a programme, for options of Ipopt."""
+    settings: dict[str, Any] = {"print_time": False, "show_eval_warnings": False}
     settings |= _DENSE_APART if nlp.count >= _LARGE else _UNPAIRED
     settings |= _PIVOTS if nlp.count < _HUGE else {}
     settings |= {f"ipopt.{name}": value for name, value in options.items()}
     if math.isfinite(rest := seconds_left()):  # of the caller's time; Ipopt takes no 0
         wall = min(rest, float(options.get("max_wall_time", math.inf)))
-        settings["ipopt.max_wall_time"] = max(wall, _INSTANT)
+        settings[_WALL] = max(wall, _INSTANT)
+    return settings
+
+
+def _solver(nlp: NLP, observer: Observer, settings: Mapping[str, Any]) -> casadi.Function:
+    given = {**settings, "iteration_callback": observer}
     try:
         if nlp.derivatives is None:
-            return casadi.nlpsol("ipopt", "ipopt", {"x": nlp.v, "f": nlp.f, "g": nlp.g}, settings)
+            return casadi.nlpsol("ipopt", "ipopt", {"x": nlp.v, "f": nlp.f, "g": nlp.g}, given)
         # casadi would differentiate it once more, for multipliers of its own that nobody reads
-        settings |= {"no_nlp_grad": True, "calc_lam_p": False}
+        given |= {"no_nlp_grad": True, "calc_lam_p": False}
         known = dict(vars(nlp.derivatives()))
-        return casadi.nlpsol("ipopt", "ipopt", known.pop("nlp"), settings | known)
+        return casadi.nlpsol("ipopt", "ipopt", known.pop("nlp"), given | known)
     except RuntimeError as error:
         raise SolveError(f"Ipopt could not be set up: {last_line(error)}") from error
 

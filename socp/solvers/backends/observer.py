@@ -21,7 +21,7 @@ class Observer(casadi.Callback):  # type: ignore[misc]
     """
 
     def __init__(
-        self, stage: str, nlp: NLP, watch: Watch, whole: casadi.Function | None = None
+        self, stage: str, nlp: NLP, watch: Watch = silent, whole: casadi.Function | None = None
     ) -> None:
         super().__init__()
         self.sizes = {
@@ -32,10 +32,14 @@ class Observer(casadi.Callback):  # type: ignore[misc]
             "lam_g": nlp.rows,
         }
         self.stage, (self.low, self.high) = stage, nlp.g_box
+        self.whole = whole
+        self.begin(watch)
+        self.construct("observer", {})
+
+    def begin(self, watch: Watch) -> None:
+        """Start anew with a watch, for another solve."""
         self.watch, self.stop, self.count = watch, False, 0
         self.error: BaseException | None = None
-        self.whole = whole
-        self.construct("observer", {})
 
     def ask(self) -> None:
         """Ask the solver to stop after this iteration."""
