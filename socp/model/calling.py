@@ -2,8 +2,10 @@
 to casadi and back a call takes several evaluations' worth.
 """
 
-from collections.abc import Callable, Sequence
-from typing import final
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from threading import Lock
+from typing import Any, final
 
 import casadi
 import numpy as np
@@ -172,3 +174,49 @@ def fast(function: casadi.Function) -> Callable[..., np.ndarray]:
 
     call.__dict__["keep"] = desk  # the buffer must outlive the call
     return call
+
+
+# The hooks by which casadi asks whether something is a matrix of another kind
+_HOOKS = {casadi.SX: ("__DM__", "__MX__"), casadi.MX: ("__DM__", "__SX__")}
+
+
+class _Told:
+    """Which hooks have been added, and by how many calls they are used."""
+
+    def __init__(self) -> None:
+        self.lock, self.count = Lock(), 0
+        self.added: list[tuple[Any, str]] = []
+
+
+_TOLD = _Told()
+
+
+@contextmanager
+def quick_calls() -> Iterator[None]:
+    """Let casadi know inside that expressions are no numbers, and not of its other kind.
+
+    It asks that of all arguments of a call first, and tries them as an array, a sparse matrix and a
+    sequence, which takes longer than most of what it is called for. What has one of its hooks is
+    none of these, and no such matrix where the hook gives None (casadi 3.8, swig/casadi.i). The
+    classes are as they were found when the last one leaves. May be nested; decorates functions as
+    well.
+    """
+    with _TOLD.lock:
+        if _TOLD.count == 0:
+            pairs = [(kind, name) for kind, names in _HOOKS.items() for name in names]
+            _TOLD.added = [(kind, name) for kind, name in pairs if not hasattr(kind, name)]
+            for kind, name in _TOLD.added:
+                setattr(kind, name, _none)
+        _TOLD.count += 1
+    try:
+        yield
+    finally:
+        with _TOLD.lock:
+            _TOLD.count -= 1
+            if _TOLD.count == 0:
+                for kind, name in _TOLD.added:
+                    delattr(kind, name)
+
+
+def _none(_expression: casadi.SX | casadi.MX) -> None:
+    """Return what says that an expression is no matrix of the kind that a hook stands for."""
