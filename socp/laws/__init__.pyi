@@ -14,6 +14,8 @@ from .modes import arc_modes as arc_modes
 from .modes import control_modes as control_modes
 from .modes import feedback_function as feedback_function
 from .modes import law_values as law_values
+from .principle import ArcPrinciple as ArcPrinciple
+from .principle import at_any_bounds as at_any_bounds
 from .principle import derive as derive
 from .principle import extremal_arc as extremal_arc
 from .principle import forget_derivation as forget_derivation

@@ -218,6 +218,21 @@ def bangs_open(modes: Modes) -> Modes:
     return tuple(Mode("free") if mode.kind in {"lower", "upper"} else mode for mode in modes)
 
 
+def at_any_bounds(problem: Problem, modes: Modes) -> ArcPrinciple | None:
+    """Return the arc with its bang controls left open, None where it has none of them, other
+    controls are free, or no law was found.
+
+    What it says in the symbols of these controls holds for their values wherever the matrix of the
+    singular controls, and what was divided by, are not zero with them.
+    """
+    general = bangs_open(modes)
+    if general == modes or any(mode.kind == "free" for mode in modes):
+        return None
+    with suppress(MethodError):
+        return arc(problem, general, constant=True)
+    return None
+
+
 def arc(problem: Problem, modes: Modes, *, constant: bool) -> ArcPrinciple:
     """Return what the principle says on an arc; free controls are constants, or functions of time
     that vary freely.

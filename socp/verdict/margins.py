@@ -29,6 +29,8 @@ from socp.verdict.nodes import Samples
 
 # Of the Hamiltonian's magnitude: what rounding leaves of a switching function that is zero
 _VANISHES = 1e-11
+# Of the largest entry along an arc: less may be what rounding leaves of a matrix that is singular
+_DEFINITE = 1e-6
 
 
 def strictness(
@@ -135,23 +137,56 @@ def legendre_clebsch(
         if not singular:
             continue
         label = ", ".join(str(arc[i]) for i in singular)
+        u = samples.u[:, inside]  # a copy
+        for i, mode in enumerate(modes):
+            if mode.kind in {"lower", "upper"}:
+                u[i] = problem.box[int(mode.kind == "upper"), i]
+        others = (each[..., inside] for each in (costate, samples.t))
         try:
             with time_limit(LAWS - (monotonic() - began)):  # for all arcs together
-                law = laws.extremal_arc(problem, modes)
+                least = _least(problem, modes, [samples.x[:, inside], u, *others, samples.p])
         except MethodError as error:
             unknown.append(f"the Legendre-Clebsch condition on {label} is unknown: {error}")
             continue
-        symbols = [problem.x, problem.u, problem.costate, time, problem.p]
-        function = function_of(problem, symbols, law.legendre_clebsch)
-        here = (each[..., inside] for each in (samples.x, samples.u, costate, samples.t))
-        (values,) = evaluate(function, *here, samples.p)
-        matrices = values.reshape(len(singular), -1, len(singular)).transpose(1, 0, 2)
-        size = max(float(np.abs(matrices).max()), TINY)
-        least = (
-            float(np.linalg.eigvalsh((matrices + matrices.transpose(0, 2, 1)) / 2.0).min()) / size
-        )
         found[label] = min(found.get(label, np.inf), least)
     return found, unknown
+
+
+def _least(problem: Problem, modes: Modes, at: Sequence[np.ndarray]) -> float:
+    """Return the least eigenvalue of an arc's Legendre-Clebsch matrix over its largest entry, as
+    `definite` does, of whatever sign. Raises MethodError without a law.
+    """
+    found = definite(problem, modes, at)
+    if found is None:
+        found = _eigenvalue(_matrices(problem, laws.extremal_arc(problem, modes), at))
+    return found
+
+
+def definite(problem: Problem, modes: Modes, at: Sequence[np.ndarray]) -> float | None:
+    """Return the least eigenvalue of the Legendre-Clebsch matrix over its largest entry, at states,
+    controls, costates, times and parameters along an arc, where it is clearly positive with the
+    bang controls of the arc left open; None elsewhere.
+
+    Then the singular controls follow from the law that was found so, all along the arc: no other
+    has to be looked for with the values of the bounds.
+    """
+    general = laws.at_any_bounds(problem, modes)
+    if general is None:
+        return None
+    matrices = _matrices(problem, general, at)
+    found = _eigenvalue(matrices) if np.isfinite(matrices).all() else 0.0
+    return found if found > _DEFINITE else None
+
+
+def _matrices(problem: Problem, law: laws.ArcPrinciple, at: Sequence[np.ndarray]) -> np.ndarray:
+    symbols = [problem.x, problem.u, problem.costate, time, problem.p]
+    (values,) = evaluate(function_of(problem, symbols, law.legendre_clebsch), *at)
+    return values.reshape(len(values), -1, len(values)).transpose(1, 0, 2)
+
+
+def _eigenvalue(matrices: np.ndarray) -> float:
+    size = max(float(np.abs(matrices).max()), TINY)
+    return float(np.linalg.eigvalsh((matrices + matrices.transpose(0, 2, 1)) / 2.0).min()) / size
 
 
 def _joint_arcs(

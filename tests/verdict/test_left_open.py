@@ -1,18 +1,22 @@
 """Controls that act through another one: open while that is off, held to a law while it is on."""
 
+import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from casadi import cos
 from saddles import along
 
 from socp import Problem, Solution, controls, final_time, run, states
+from socp.laws import principle
 from socp.methods.guess import default_guess
 from socp.model.ladder.second_order import Minimum
 from socp.model.word import Mode
 from socp.registry.plugins import Registry
 from socp.verdict.conditions import stretches
 from socp.verdict.lessons import left_open
+from socp.verdict.margins import definite
 from socp.verdict.minimum.order import second_order
 
 s, v, angle = states("s v angle")
@@ -40,6 +44,26 @@ def coasting(registry: Registry) -> Solution:
 def test_a_control_is_open_while_what_it_acts_through_is_off() -> None:
     assert left_open(COAST, 1, (LOWER, LOWER))
     assert not left_open(COAST, 1, (UPPER, LOWER))
+
+
+@pytest.mark.parametrize(
+    ("bound", "price", "wanted"), [(UPPER, -1.0, 0.5), (UPPER, 1.0, None), (LOWER, -1.0, None)]
+)
+def test_what_holds_a_control_is_told_along_an_arc_whatever_the_bounds(
+    bound: Mode, price: float, wanted: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # sigma_turn'' = lambda_v thrust cos(angle) turn + ..., and so its matrix is -lambda_v thrust
+    # cos(angle), over its largest entry
+    def none(*_given: object) -> None:
+        raise AssertionError("a law was looked for with the values of the bounds")
+
+    monkeypatch.setattr(principle, "at_values", none)
+    x = np.array([[0.0, 1.0], [1.0, 1.0], [0.0, math.pi / 3]])
+    u = np.array([[float(bound == UPPER)] * 2, [0.0, 0.0]])
+    costate = np.array([[0.0, 0.0], [price, price], [0.0, 0.0]])
+    at = x, u, costate, np.array([0.0, 1.0]), np.zeros(0)
+    found = definite(COAST, (bound, Mode("singular")), at)
+    assert found == (None if wanted is None else pytest.approx(wanted, rel=1e-12))
 
 
 def test_turning_with_the_engine_off_is_as_good_an_extremal_as_any(coasting: Solution) -> None:

@@ -26,6 +26,7 @@ from socp.model import (
 )
 from socp.verdict.conditions import stretches
 from socp.verdict.lessons import left_open
+from socp.verdict.margins import definite
 
 # Points looked at in every interval: the least value of a touch stands out between two of them
 _LOOKS = 20
@@ -146,11 +147,13 @@ def left_to_choose(problem: Problem, solution: Solution) -> list[str]:
     rows = [stretches(solution, name, middles) for name in problem.control_names]
     found: dict[Place, list[bool]] = {}
     for arc, places in zip(solution.arcs, zip(*rows, strict=True), strict=True):
+        along = arc.x, arc.u, arc.costate, arc.t, parameters_of(problem, solution)
         for i, place in enumerate(places):
             kind, strict = arc.modes[i].kind, {} if verdict is None else verdict.margins
             alone = len(solution.structure[problem.control_names[i]]) == 1
             if kind == "singular" or not (kind == "boundary" or place in strict or alone):
-                found.setdefault(place, []).append(left_open(problem, i, arc.modes))
+                told = kind == "singular" and definite(problem, arc.modes, along) is not None
+                found.setdefault(place, []).append(not told and left_open(problem, i, arc.modes))
     singular = Mode("singular")
     return [
         str(place)
