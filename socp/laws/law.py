@@ -9,7 +9,7 @@ from typing import Any, final
 import casadi
 
 from socp.errors import MethodError
-from socp.laws.principle import ArcPrinciple, arc, bangs_open, extremal_arc, setting_of
+from socp.laws.principle import ArcPrinciple, at_any_bounds, extremal_arc, setting_of
 from socp.laws.setting import Setting, contact, homogeneous, length_fixed, tower
 from socp.model import Constraint, Expr, Modes, Problem, column, identity, of_motion, once
 
@@ -49,7 +49,9 @@ def arc_law(problem: Problem, modes: Modes) -> ArcLaw:
     setting = setting_of(problem, modes, constant=False)
     given = {i: law for i in setting.singular if (law := given_singular(problem, i)) is not None}
     carried = None
-    if not setting.singular:
+    if not (setting.singular or setting.boundary):
+        control = setting.given
+    elif not setting.singular:
         control = extremal_arc(problem, modes).touch.control
     elif all(i in given for i in setting.singular):
         values = enumerate(setting.given.elements())
@@ -68,7 +70,8 @@ def arc_law(problem: Problem, modes: Modes) -> ArcLaw:
     }
     control = column(_as_before(problem, given.get(i, control[i])) for i in range(control.numel()))
     _inside(problem, setting, control)
-    kept = {c.name: tower(problem, c, setting.given)[0] for c in setting.boundary.values()}
+    own = setting.given if setting.known else None
+    kept = {c.name: tower(problem, c, own)[0] for c in setting.boundary.values()}
     entry = tuple(e for held in kept.values() for e in held)
     if carried is None:
         return ArcLaw(control, entry, frozenset(kept))
@@ -125,13 +128,14 @@ def _shared(problem: Problem, modes: Modes) -> Expr | None:
     """Return the feedback (nu, 1) of the arc with its bang controls left open, their values put in,
     where the law turns out not to depend on these.
     """
-    at = [i for i, mode in enumerate(modes) if mode.kind in {"lower", "upper"}]
-    if not at or any(mode.kind == "free" for mode in modes):
+    general = at_any_bounds(problem, modes)
+    if general is None:
         return None
     try:
-        law = arc(problem, bangs_open(modes), constant=True).feedback
+        law = general.feedback
     except MethodError:
         return None
+    at = [i for i, mode in enumerate(modes) if mode.kind in {"lower", "upper"}]
     bangs = column(problem.u[i] for i in at)
     if law is None or any(
         casadi.depends_on(law[i], bangs) for i in range(len(modes)) if i not in at

@@ -190,12 +190,13 @@ def points_on(problem: Problem, held: Expr) -> np.ndarray:
     """Return admissible points (nv, k) on state equations `held` = 0 (m, 1), however far they have
     to be moved.
     """
-    points = admissible(problem)
-    found = onto(problem, held, points)
+    points, fixed = admissible(problem), fixed_states(problem, held)
+    whole = len(fixed) == held.numel()  # then they ask for no more than these values
+    found = points[:, :0] if whole else onto(problem, held, points)
     if not found.shape[1]:
-        for k, value in fixed_states(problem, held).items():
+        for k, value in fixed.items():
             points[1 + k] = value
-        found = onto(problem, held, points, far=np.inf)
+        found = _within(problem, points) if whole else onto(problem, held, points, far=np.inf)
     found.setflags(write=False)  # shared by all who ask
     return found
 

@@ -23,7 +23,7 @@ from socp.laws.brackets import (
     silent_costates,
     switching_row,
 )
-from socp.model import Constraint, Expr, Problem, column, numbers, of_motion, once
+from socp.model import Constraint, Expr, Problem, column, identity, numbers, of_motion, once
 
 DEEPEST = 12  # total derivatives tried before an order is called infinite
 
@@ -48,6 +48,11 @@ class Setting:
     def unknown(self) -> Expr:
         """Symbols of the singular controls (k, 1)."""
         return column(self.problem.u[i] for i in self.singular)
+
+    @property
+    def known(self) -> bool:
+        """Tell whether any control is known."""
+        return identity(self.given) != identity(self.problem.u)
 
     @cached_property
     def energy(self) -> list[Expr]:
@@ -177,8 +182,9 @@ def _tower(setting: Setting, j: int, constraint: Constraint) -> tuple[list[Expr]
     """
     problem = setting.problem
     held, top = tower(problem, constraint)
-    with suppress(MethodError):  # other controls act on it, and these are known here
-        held, top = tower(problem, constraint, setting.given)
+    if setting.known:
+        with suppress(MethodError):  # other controls act on it, and these are known here
+            held, top = tower(problem, constraint, setting.given)
     at = probes.points_on(problem, column(held))
     slopes = probes.nonzero(problem, casadi.jacobian(top, problem.u), at)[0]
     if not slopes[j]:

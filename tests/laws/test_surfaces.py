@@ -52,6 +52,15 @@ def test_steps_are_the_shortest_that_come_nearest(kind: str) -> None:
     np.testing.assert_allclose(step, np.einsum("nij,nj->ni", inverse, right), rtol=1e-6)
 
 
+def test_states_that_equations_fix_are_put_in_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    own = problem()
+    wanted = probes.admissible(own)
+    wanted[1], wanted[2] = 40.0, 1.5
+    monkeypatch.setattr(probes, "onto", None)
+    at = probes.points_on(own, casadi.vertcat(2 * v - 3, x - 40))
+    np.testing.assert_array_equal(at, wanted)
+
+
 def test_points_arrive_on_a_surface_and_are_shared() -> None:
     own = problem()
     at = probes.points_on(own, own.constraints[0].expression)
