@@ -70,9 +70,10 @@ def repeated(
     `first`, (n, entries) each, in as many of its first arguments.
 
     The other arguments are `given` for every call and point, or such that they can be spread over
-    these, (times, n, entries). A function of all calls would take longer to be built.
+    these, (times, n, entries), as the next one is where none comes `first`. A function of all calls
+    would take longer to be built.
     """
-    count = len(first[0])
+    count = len(first[0]) if first else given[0].shape[1]
     desk = _taken(function, count)
     begun, others = desk.given[: len(first)], desk.given[len(first) :]
     pairs = []

@@ -1,14 +1,19 @@
 """The coefficients of DOP853: twelve stages of order 8, its two error estimates, and three stages
-more for a polynomial of order 7 through the step.
+more for a polynomial of order 7 through the step; and steps of order 8, with their derivatives from
+those of the rate at all stages of all steps at once.
 
 Hairer, Norsett, Wanner, Solving ODEs I, II.5 and II.10, in the digits that a float holds; scipy
 prints them too, but to import it for these takes as long as to solve a small problem.
 """
 
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import final
 
 import casadi
 import numpy as np
+
+from socp.model import Expr, numbers, repeated
 
 # fmt: off
 # Of a step: when its stages are (16,); the thirteenth is its end
@@ -120,6 +125,11 @@ DOP853_THROUGH = np.array([
 # fmt: on
 
 
+_END = 12  # the stage that is the end of a step, and how many there are before it
+# Of every stage, and of the end, the weights (13, 12) of the slopes of stages
+_WEIGHTS = np.array([np.pad(row, (0, _END - len(row))) for row in DOP853_STAGES[: _END + 1]])
+
+
 @cache
 def stage_points(n: int) -> tuple[casadi.Function, ...]:
     """Return where the second stage and all later ones look at y (n,), each as a function of y, h
@@ -132,3 +142,146 @@ def stage_points(n: int) -> tuple[casadi.Function, ...]:
         at = y + h * casadi.mtimes(slopes, row)
         found.append(casadi.Function("at", [y, h, slopes], [at]))
     return tuple(found)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Steps of y (ny, 1) under parameters p (np, 1) and others u (nu, 1) along its rate f (ny, 1),
+    all of them expressions, and what their slopes and curvatures are made of: those of h f, with h
+    the length of a step.
+
+    m counts what h f depends on: y where the rate does (c,), h and p.
+    """
+
+    y: Expr
+    p: Expr
+    u: Expr
+    rate: Expr
+
+    @cached_property
+    def active(self) -> list[int]:
+        """Places (c,) in y of what the rate depends on."""
+        found: list[int] = np.flatnonzero(casadi.which_depends(self.rate, self.y)).tolist()
+        return found
+
+    @cached_property
+    def step(self) -> casadi.Function:
+        """One step (y, h, p, u) -> y after it, and what the rate depends on (c stages,) at every
+        stage.
+        """
+        p, u = self.p, self.u
+        rate = casadi.Function("f", [self.y, p, u], [self.rate])
+        y, h = casadi.SX.sym("y", self.y.numel()), casadi.SX.sym("h")
+        slopes, at = list[Expr](), [y]
+        for point in stage_points(y.numel())[:_END]:
+            slopes.append(rate(at[-1], p, u))
+            at.append(point(y, h, casadi.horzcat(*slopes)))
+        stages = casadi.vec(casadi.horzcat(*at[:_END])[self.active, :])
+        found = [casadi.densify(each) for each in (at[_END], stages)]
+        return casadi.Function("step", [y, h, p, u], found)
+
+    @cached_property
+    def slope(self) -> tuple[Expr, Expr, list[Expr]]:
+        """The slope h f of a stage (ny, 1), what it depends on in one column (m, 1), that is y
+        where it does, h and p, and apart, with the controls.
+        """
+        y, h = self.y[self.active], casadi.SX.sym("h")
+        return h * self.rate, casadi.vertcat(y, h, self.p), [y, h, self.p, self.u]
+
+    @cached_property
+    def sloped(self) -> casadi.Function:
+        """(y where the rate depends on it, h, p, u) -> slopes (m, ny) of h f by all but u."""
+        slope, by, given = self.slope
+        found = casadi.jacobian(slope, by).T
+        return casadi.Function("sloped", given, [casadi.densify(found)])
+
+    @cached_property
+    def curved(self) -> casadi.Function:
+        """(the same, multipliers (ny,)) -> Hessian (m, m) of h f times these by all but u."""
+        slope, by, given = self.slope
+        held = casadi.SX.sym("l", slope.numel())
+        found = casadi.hessian(casadi.dot(held, slope), by)[0]
+        return casadi.Function("curved", [*given, held], [casadi.densify(found)])
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Stages:
+    """The stages of n steps by what h f depends on there: `at` (stages, n, c), that is y where the
+    rate depends on it, and `given`, that is h (n, 1), p (np,) and u (n, nu).
+    """
+
+    steps: Steps
+    at: np.ndarray
+    given: tuple[np.ndarray, np.ndarray, np.ndarray]
+
+    @classmethod
+    def of(cls, steps: Steps, y: np.ndarray, *given: np.ndarray) -> "Stages":
+        """Return those of steps from y (n, ny) with the others `given` as the class has them."""
+        h, p, u = given
+        _, at = numbers(steps.step, y.T, h.T, p, u.T)
+        return cls(steps, staged(at.T, len(steps.active)), (h, p, u))
+
+    @cached_property
+    def slopes(self) -> np.ndarray:
+        """Slopes (stages, n, ny, m) of h f."""
+        (found,) = repeated(self.steps.sloped, [], [self.at, *self.given], _END)
+        ny, m = self.steps.sloped.size_out(0)[::-1]
+        return found.reshape(*self.at.shape[:2], ny, m)
+
+    @cached_property
+    def _through(self) -> tuple[np.ndarray, np.ndarray]:
+        """Changes (stages, n, m, m) of what every stage depends on, and (n, ny, ny + 1 + np) of y
+        after the step, by the same and by y, h and p before it.
+        """
+        slopes, places = self.slopes, self.steps.active
+        _, n, ny, m = slopes.shape
+        by, changes = np.empty((_END, n, m, m)), np.empty((_END, n, ny, m))
+        by[:], flat = np.eye(m), changes.reshape(_END, -1)
+        for i, (own, found) in enumerate(zip(slopes, changes, strict=True)):
+            if i:
+                moved = (_WEIGHTS[i, :i] @ flat[:i]).reshape(n, ny, m)
+                by[i, :, : len(places)] += moved[:, places]
+            np.matmul(own, by[i], out=found)
+        across = np.zeros((n, ny, ny + m - len(places)))
+        across[:, range(ny), range(ny)] = 1.0
+        across[:, :, [*places, *range(ny, across.shape[2])]] += (_WEIGHTS[_END] @ flat).reshape(
+            n, ny, m
+        )
+        return by, across
+
+    @property
+    def across(self) -> np.ndarray:
+        """Slopes (n, ny, ny + 1 + np) of y after the steps by y, h and p before."""
+        return self._through[1]
+
+    def returned(self, later: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the multipliers of y before the steps (n, ny) and of every stage's slope (stages,
+        n, ny) from those of y after the steps, `later` (n, ny).
+        """
+        slopes, places = self.slopes, self.steps.active
+        found, before = np.empty(slopes.shape[:3]), later.copy()
+        back = np.empty((_END, len(later), 1, len(places)))
+        flat = back.reshape(_END, before[:, places].size)
+        for i in reversed(range(_END)):
+            found[i] = _WEIGHTS[_END, i] * later
+            moved = _WEIGHTS[i + 1 : _END, i] @ flat[i + 1 :]
+            found[i][:, places] += moved.reshape(len(later), len(places))
+            np.matmul(found[i][:, None], slopes[i, :, :, : len(places)], out=back[i])
+        before[:, places] += back.sum(axis=0)[:, 0]
+        return before, found
+
+    def bent(self, later: np.ndarray) -> np.ndarray:
+        """Return the Hessians (n, m, m) of y after the steps times multipliers (n, ny), by y before
+        them where the rate depends on it, h and p.
+        """
+        held, by = self.returned(later)[1], self._through[0]
+        (found,) = repeated(self.steps.curved, [], [self.at, *self.given, held], _END)
+        hessians: np.ndarray = (by.swapaxes(2, 3) @ (found.reshape(by.shape) @ by)).sum(axis=0)
+        return hessians
+
+
+def staged(at: np.ndarray, count: int) -> np.ndarray:
+    """Return what a step has of its stages (n, count stages) stage by stage, (stages, n, count)."""
+    return at.reshape(len(at), _END, count).swapaxes(0, 1)

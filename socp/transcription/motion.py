@@ -1,11 +1,10 @@
 """The motion along a phase's law by explicit Runge-Kutta steps of order 8, with its first and
 second derivatives: functions built once for all laws that differ in constant controls alone, such
 as those of all bang arcs, whatever words and intervals they stand in.
-
-The formula is that of Dormand and Prince (Hairer, Norsett, Wanner, Solving ODEs I, II.5).
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import final
@@ -17,17 +16,13 @@ from socp.model import (
     Expr,
     Problem,
     column,
-    lately,
-    numbers,
     of_motion,
     repeated,
     time,
 )
-from socp.transcription.dormand_prince import stage_points
+from socp.transcription.dormand_prince import Stages, Steps, staged
 from socp.transcription.kinks import kinks
 from socp.transcription.phases import Phase, once_alike, once_along
-
-_END = 12  # the stage that is the end of a step
 
 
 def opened(problem: Problem, control: Expr) -> Expr:
@@ -61,41 +56,13 @@ class Flow:
         return kinks(casadi.vertcat(*self.phase.flow(problem)), given)
 
     @cached_property
-    def step(self) -> casadi.Function:
-        """One step (y, h, p, u) -> y after it."""
+    def steps(self) -> Steps:
+        """Steps of it."""
         problem, phase = self.problem, self.phase
         rate, running = phase.flow(problem)
-        given = [casadi.vertcat(problem.x, phase.carried), time, problem.p, problem.u]
-        motion = casadi.Function("f", given, [casadi.vertcat(rate, phase.carried_rate, running, 1)])
-        y, h = casadi.SX.sym("y", motion.size1_out(0)), casadi.SX.sym("h")
-        slopes, at = [], y
-        for point in stage_points(y.numel())[:_END]:
-            slopes.append(motion(at[:-2], at[-1], problem.p, problem.u))
-            at = point(y, h, casadi.horzcat(*slopes))
-        return casadi.Function("step", [y, h, problem.p, problem.u], [casadi.densify(at)])
-
-    @cached_property
-    def varied(self) -> casadi.Function:
-        """One step of y (ny,) and its slopes (ny, nz + 2 + np) by z, t, the length of all steps
-        and p: (y, slopes, h, p, u) -> both after it, and the slopes (ny, ny) of y by y before.
-        """
-        y, h, p, u = self.step.sx_in()
-        end = self.step(y, h, p, u)
-        across, others = casadi.jacobian(end, y), casadi.jacobian(end, casadi.vertcat(h, p))
-        slopes = casadi.SX.sym("slopes", y.numel(), y.numel() + p.numel())
-        direct = casadi.horzcat(casadi.SX(y.numel(), y.numel() - 1), others)
-        after = casadi.mtimes(across, slopes) + direct
-        found = [end, casadi.densify(after), casadi.densify(across)]
-        return casadi.Function("varied", [y, slopes, h, p, u], found)
-
-    @cached_property
-    def curved(self) -> casadi.Function:
-        """(y, h, p, u, multipliers (ny,)) -> Hessian by y, h, p of y after a step times these."""
-        y, h, p, u = self.step.sx_in()
-        held = casadi.SX.sym("l", y.numel())
-        total = casadi.dot(held, self.step(y, h, p, u))
-        hessian = casadi.densify(casadi.hessian(total, casadi.vertcat(y, h, p))[0])
-        return casadi.Function("curved", [y, h, p, u, held], [hessian])
+        y = casadi.vertcat(problem.x, phase.carried, casadi.SX.sym("cost"), time)
+        motion = casadi.vertcat(rate, phase.carried_rate, running, 1)
+        return Steps(y, problem.p, problem.u, motion)
 
 
 @final
@@ -130,9 +97,15 @@ class Motion:
 
     def through(self, z: np.ndarray, t: np.ndarray, h: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Return the same for steps of lengths h (steps, n)."""
+        return self._walked(z, t, h, p)[0].swapaxes(1, 2)
+
+    def _walked(
+        self, z: np.ndarray, t: np.ndarray, h: np.ndarray, p: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return y (steps + 1, n, ny), and (steps, n, c stages) what the steps have of stages."""
         first = np.vstack([z, np.zeros(t.size), t]).T
-        (found,) = repeated(self.flow.step, [first], [h[:, :, None], p.T, self.u], len(h))
-        return np.concatenate([first[None], found]).transpose(0, 2, 1)
+        y, at = repeated(self.flow.steps.step, [first], [h[:, :, None], p.T, self.u], len(h))
+        return np.concatenate([first[None], y]), at
 
     @cached_property
     def control(self) -> casadi.Function:
@@ -144,96 +117,160 @@ class Motion:
         """Integrate over n intervals from what is given: z (nz, n), t (1, n), h (1, n), p (np, 1),
         in so many steps each.
         """
+        return swept([self], [given], [steps])[0]
+
+    def walk(self, given: list[np.ndarray], steps: int) -> "Walk":
+        """Return the same without slopes."""
         z, t, h, p = given
-        n, ny = t.size, len(z) + 2
-        first = np.vstack([z, np.zeros((1, n)), t]).T
-        by = np.zeros((ny, ny + len(p)))
-        by[: len(z), : len(z)], by[-1, len(z)] = np.eye(len(z)), 1.0
-        each = np.repeat(h / steps, steps)[None, :]
-        begin = [first, np.tile(by.ravel("F"), (n, 1))]
-        others = [h[0][:, None] / steps, p[:, 0], self.u]
-        found = repeated(self.flow.varied, begin, others, steps)
-        y, slopes, across = (
-            m.swapaxes(0, 1).reshape(n, steps, -1, ny).swapaxes(2, 3) for m in found
-        )
-        before = np.concatenate([first[:, None], y[:, :-1, :, 0]], axis=1)
-        begun = np.concatenate([np.broadcast_to(by, (n, 1, *by.shape)), slopes[:, :-1]], axis=1)
-        last = slopes[:, -1, :-1].copy()
-        last[:, :, len(z) + 1] /= steps
-        return Sweep(self, y[:, -1, :-1, 0], last, before, begun, across, each, p)
+        y, at = self._walked(z, t[0], np.tile(h / steps, (steps, 1)), p[:, 0])
+        return Walk(self, y, at, h[0] / steps, p[:, 0])
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """Steps of lengths `each` (n,) over n intervals under p (np,): y (steps + 1, n, ny) before and
+    after every one, and what they have of their stages, `at` (steps, n, c stages).
+    """
+
+    motion: Motion
+    y: np.ndarray
+    at: np.ndarray
+    each: np.ndarray
+    p: np.ndarray
+
+    def given(self, together: int = 1) -> list[np.ndarray]:
+        """Return y before (k, ny), h (k, 1) and u (k, nu) of all steps as long as so many together,
+        those of one interval after those of another.
+        """
+        y = self.y[:-1:together]
+        h = np.tile(together * self.each, len(y))[:, None]
+        return [y.reshape(-1, y.shape[2]), h, np.tile(self.motion.u, (len(h), 1))]
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Steps over n intervals: z with the running cost in which they end, `ends` (n, nz + 1), and
-    its slopes (n, nz + 1, nz + 2 + np) by z, t, h and p.
+    """A walk over n intervals with its slopes: `begun` (steps + 1, n, ny + 1 + np, nz + 2 + np),
+    those of y, the length of a step and p by z, t, h and p where intervals begin, and `across`
+    (steps, n, ny, ny + 1 + np), those of y after every step by the former.
 
-    Of every step: y `before` (n, steps, ny), the slopes `begun` (n, steps, ny, nz + 2 + np) of
-    that, those `across` (n, steps, ny, ny) the step, and its length (1, n steps).
+    `stages` are those of all steps, among others or alone.
     """
 
-    motion: Motion
-    ends: np.ndarray
-    slopes: np.ndarray
-    before: np.ndarray
+    walk: Walk
+    stages: Stages
     begun: np.ndarray
     across: np.ndarray
-    each: np.ndarray
-    p: np.ndarray
+
+    @classmethod
+    def of(cls, walk: Walk, stages: Stages, across: np.ndarray) -> "Sweep":
+        """Take the slopes (n steps, ny, ny + 1 + np) of steps in turns."""
+        n, ny = walk.y.shape[1:]
+        steps, count = len(walk.at), walk.p.size
+        across = across.reshape(steps, n, ny, -1)
+        begun = np.zeros((steps + 1, n, ny + 1 + count, ny + count))
+        begun[0, :, range(ny - 2), range(ny - 2)] = begun[0, :, ny - 1, ny - 2] = 1.0
+        begun[:, :, ny, ny - 1] = 1.0 / steps
+        begun[:, :, range(ny + 1, ny + 1 + count), range(ny, ny + count)] = 1.0
+        for k, own in enumerate(across):
+            np.matmul(own, begun[k], out=begun[k + 1, :, :ny])
+        return cls(walk, stages, begun, across)
+
+    @property
+    def ends(self) -> np.ndarray:
+        """Where the intervals end: z with the running cost (n, nz + 1)."""
+        return self.walk.y[-1, :, :-1]
+
+    @property
+    def slopes(self) -> np.ndarray:
+        """Slopes (n, nz + 1, nz + 2 + np) of that by z, t, h and p."""
+        return self.begun[-1, :, : self.ends.shape[1]]
 
     def returned(self, held: np.ndarray) -> np.ndarray:
-        """Return the multipliers (n, steps, ny) of y after every step from those of z where the
+        """Return the multipliers (steps, n, ny) of y after every step from those of z where the
         intervals end, held (nz, n).
         """
-        n, steps, ny, _ = self.begun.shape
-        later = np.empty((n, steps, ny))
-        now = np.vstack([held, np.ones((1, n)), np.zeros((1, n))]).T
-        for k in reversed(range(steps)):
-            later[:, k] = now
-            now = (now[:, None] @ self.across[:, k])[:, 0]
-        return later
+        steps, n, ny, _ = self.across.shape
+        later = np.empty((steps, n, 1, ny))
+        later[-1, :, 0] = np.vstack([held, np.ones((1, n)), np.zeros((1, n))]).T
+        for k in reversed(range(1, steps)):
+            np.matmul(later[k], self.across[k, :, :, :ny], out=later[k - 1])
+        return later[:, :, 0]
 
     def between(self, held: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return y and its multipliers (ny, n s) at nodes (s,) between 0 and 1 of every interval,
         one interval after the other: one step from the last before it, and back from the next.
         """
-        motion, (n, steps, ny) = self.motion, self.before.shape
-        last = np.minimum((nodes * steps).astype(int), steps - 1)
-        step = self.each.reshape(n, steps)[:, last]
-        way = (step * (nodes * steps - last)).reshape(1, -1)
-        y = self.before[:, last].reshape(-1, ny).T
-        at = motion.through(y[:-2], y[-1], way, self.p[:, 0])[1]
-        at[-2] += y[-2]
-        slopes, rest = np.zeros((at.shape[1], ny * (ny + len(self.p)))), step.reshape(1, -1) - way
-        others = [rest[:, :, None], self.p[:, 0], motion.u]
-        *_, across = repeated(motion.flow.varied, [at.T, slopes], others, 1)
-        later = self.returned(held)[:, last].reshape(-1, ny, 1)
-        return at, (across.reshape(-1, ny, ny) @ later)[:, :, 0].T
+        walk, (steps, _, ny, _) = self.walk, self.across.shape
+        motion, last = walk.motion, np.minimum((nodes * steps).astype(int), steps - 1)
+        way = (walk.each[:, None] * (nodes * steps - last)).reshape(1, -1)
+        y = walk.y[last].swapaxes(0, 1).reshape(-1, ny)
+        at = motion.through(y[:, :-2].T, y[:, -1], way, walk.p)[1]
+        at[-2] += y[:, -2]
+        rest = np.repeat(walk.each, nodes.size)[:, None] - way.T
+        stages = Stages.of(motion.flow.steps, at.T, rest, walk.p, np.tile(motion.u, (len(rest), 1)))
+        later = self.returned(held)[last].swapaxes(0, 1).reshape(-1, ny)
+        return at, stages.returned(later)[0].T
 
     def bent(self, held: np.ndarray, stride: int = 1) -> np.ndarray:
-        """Return the Hessians (n, nz + 2 + np,) twice, by the same, of the running cost and z times
-        multipliers held (nz, n): those of steps as long as `stride` together. They are kept for the
-        two that were asked for last.
-        """
-        make = partial(self._bent, held, stride)
-        return lately(self, Sweep.bent, (held.tobytes(), stride), make, 2)
+        """Return what the function of that name does for this alone."""
+        return bent([self], [held], stride)[0]
 
-    def _bent(self, held: np.ndarray, stride: int) -> np.ndarray:
-        n, steps, ny, count = self.begun.shape
-        together = math.gcd(stride, steps)
-        later = self.returned(held)[:, together - 1 :: together]
-        y, multipliers = (each.reshape(-1, ny).T for each in (self.before[:, ::together], later))
-        motion, each = self.motion, together * self.each[:, ::together]
-        (found,) = numbers(motion.flow.curved, y, each, self.p, motion.u, multipliers)
-        hessians = found.T.reshape(n, steps // together, ny + 1 + len(self.p), -1)
-        by = np.zeros((n, steps // together, hessians.shape[2], count))
-        by[:, :, :ny] = self.begun[:, ::together]
-        by[:, :, ny:, ny - 1 :] = np.diag([together, *np.ones(len(self.p))])
-        bent: np.ndarray = (by.swapaxes(2, 3) @ hessians @ by).sum(axis=1)
-        bent[:, ny - 1] /= steps
-        bent[:, :, ny - 1] /= steps
-        return bent
+
+def swept(
+    motions: Sequence[Motion], given: Sequence[list[np.ndarray]], steps: Sequence[int]
+) -> list[Sweep]:
+    """Return the sweep of every motion from what is given of it, as `Motion.sweep` takes it: the
+    slopes of those of one flow are worked out at once.
+    """
+    walks = [one.walk(own, count) for one, own, count in zip(motions, given, steps, strict=True)]
+    found = dict[int, Sweep]()
+    for flow, which in _by_flow(motions):
+        _, h, u = _joined([walks[k].given() for k in which])
+        at = np.concatenate([row for k in which for row in walks[k].at])
+        stages = Stages(flow.steps, staged(at, len(flow.steps.active)), (h, walks[which[0]].p, u))
+        sizes = [math.prod(walks[k].at.shape[:2]) for k in which[:-1]]
+        parts = np.split(stages.across, np.cumsum(sizes, dtype=int))
+        found |= {k: Sweep.of(walks[k], stages, own) for k, own in zip(which, parts, strict=True)}
+    return [found[k] for k in range(len(walks))]
+
+
+def bent(sweeps: Sequence[Sweep], held: Sequence[np.ndarray], stride: int = 1) -> list[np.ndarray]:
+    """Return of every sweep the Hessians (n, nz + 2 + np,) twice, by z, t, h and p where intervals
+    begin, of the running cost and z times its multipliers held (nz, n): those of steps as long as
+    `stride` together.
+    """
+    found = dict[int, np.ndarray]()
+    for flow, which in _by_flow([each.walk.motion for each in sweeps]):
+        own = [sweeps[k] for k in which]
+        long = [math.gcd(stride, len(each.across)) for each in own]
+        y, h, u = _joined([each.walk.given(k) for each, k in zip(own, long, strict=True)])
+        stages = own[0].stages
+        if max(long) > 1 or len(stages.given[0]) != len(h):
+            stages = Stages.of(flow.steps, y, h, own[0].walk.p, u)
+        later = [sweeps[k].returned(held[k])[m - 1 :: m] for k, m in zip(which, long, strict=True)]
+        hessians = stages.bent(np.concatenate([each.reshape(-1, each.shape[2]) for each in later]))
+        first, inner = 0, [*flow.steps.active, *range(y.shape[1], own[0].begun.shape[2])]
+        for k, m, each in zip(which, long, later, strict=True):
+            count = each[:, :, 0].size
+            by = sweeps[k].begun[:-1:m][:, :, inner]
+            by[:, :, len(flow.steps.active)] *= m
+            part = hessians[first : first + count].reshape(*by.shape[:3], -1)
+            found[k], first = (by.swapaxes(2, 3) @ (part @ by)).sum(axis=0), first + count
+    return [found[k] for k in range(len(sweeps))]
+
+
+def _by_flow(motions: Sequence[Motion]) -> list[tuple[Flow, list[int]]]:
+    """Return every flow with the places of its motions."""
+    found = dict[Flow, list[int]]()
+    for k, each in enumerate(motions):
+        found.setdefault(each.flow, []).append(k)
+    return list(found.items())
+
+
+def _joined(rows: Sequence[Sequence[np.ndarray]]) -> list[np.ndarray]:
+    return [np.concatenate(each) for each in zip(*rows, strict=True)]
 
 
 @of_motion

@@ -11,7 +11,7 @@ from socp import Problem, Word, controls, default_guess, parameters, states, tim
 from socp.methods.guess import split
 from socp.transcription import follow
 from socp.transcription.linearised import Linearised
-from socp.transcription.motion import motion_of
+from socp.transcription.motion import bent, motion_of, swept
 from socp.transcription.shooting import Shooting
 
 
@@ -85,6 +85,45 @@ def test_states_and_multipliers_between_the_ends_of_intervals() -> None:
         counted = np.vstack([held, np.ones(4)])
         wanted = np.einsum("rn,nrz->zn", counted, rest.slopes[:, :, :2])
         assert back[:2, :, k] == pytest.approx(wanted, rel=1e-10)
+
+
+def test_arcs_worked_out_at_once_are_what_each_is_alone() -> None:
+    """Two arcs of one law, or of one but for constants, in different numbers of steps."""
+    known, random = shooting(), np.random.default_rng(3)
+    p, steps = np.array([[0.7]]), [3, 4, 2]
+    given, held = [], []
+    for n in (4, 1, 2):
+        given.append([random.normal(size=(2, n)), random.normal(size=(1, n)), np.ones((1, n)), p])
+        held.append(random.normal(size=(2, n)))
+    together = swept(known.motions, given, steps)
+    assert together[0].stages is together[1].stages is together[2].stages
+    alone = [m.sweep(each, k) for m, each, k in zip(known.motions, given, steps, strict=True)]
+    for stride in (1, 2):
+        curvatures = bent(together, held, stride)
+        for one, other, own, found in zip(together, alone, held, curvatures, strict=True):
+            assert one.ends == pytest.approx(other.ends, rel=1e-13)
+            assert one.slopes == pytest.approx(other.slopes, rel=1e-13, abs=1e-13)
+            assert found == pytest.approx(other.bent(own, stride), rel=1e-12, abs=1e-12)
+
+
+def test_a_motion_that_nothing_changes_has_the_slopes_of_its_length_alone() -> None:
+    x, u = states("x"), controls("u")
+    problem = Problem(
+        name="even",
+        minimise=x,
+        running=2 * u,
+        dynamics={x: u},
+        bounds={u: (-1, 2)},
+        start={x: 0},
+        final_time=1,
+    )
+    phase = follow(problem, Word.parse("u: +", ("u",))).phases[0]
+    given = [np.zeros((1, 2)), np.zeros((1, 2)), np.array([[0.5, 1.5]]), np.empty((0, 1))]
+    sweep = motion_of(problem, phase).sweep(given, 2)
+    assert sweep.ends == pytest.approx(np.array([[1.0, 2.0], [3.0, 6.0]]), rel=1e-14)
+    wanted = np.array([[1.0, 0.0, 2.0], [0.0, 0.0, 4.0]])
+    assert sweep.slopes[0] == pytest.approx(wanted, rel=1e-14)
+    assert sweep.bent(np.ones((1, 2))) == pytest.approx(0.0, abs=1e-14)
 
 
 def test_arcs_of_one_law_share_their_functions() -> None:
