@@ -133,14 +133,14 @@ _WEIGHTS = np.array([np.pad(row, (0, _END - len(row))) for row in DOP853_STAGES[
 @cache
 def stage_points(n: int) -> tuple[casadi.Function, ...]:
     """Return where the second stage and all later ones look at y (n,), each as a function of y, h
-    and the slopes (n, s) of the s stages before it: built once for all motions of n.
+    and the slope (n,) of every stage before it: built once for all motions of n.
     """
     y, h = casadi.SX.sym("y", n), casadi.SX.sym("h")
     found = []
-    for row in map(casadi.DM, DOP853_STAGES[1:]):
-        slopes = casadi.SX.sym("slopes", n, row.numel())
-        at = y + h * casadi.mtimes(slopes, row)
-        found.append(casadi.Function("at", [y, h, slopes], [at]))
+    for row in DOP853_STAGES[1:]:
+        slopes = casadi.SX.sym("slopes", n, len(row))
+        at = y + h * casadi.mtimes(slopes, casadi.DM(row))
+        found.append(casadi.Function("at", [y, h, *casadi.horzsplit(slopes)], [at]))
     return tuple(found)
 
 
@@ -176,7 +176,7 @@ class Steps:
         slopes, at = list[Expr](), [y]
         for point in stage_points(y.numel())[:_END]:
             slopes.append(rate(at[-1], p, u))
-            at.append(point(y, h, casadi.horzcat(*slopes)))
+            at.append(point(y, h, *slopes))
         stages = casadi.vec(casadi.horzcat(*at[:_END])[self.active, :])
         found = [casadi.densify(each) for each in (at[_END], stages)]
         return casadi.Function("step", [y, h, p, u], found)

@@ -4,12 +4,11 @@ assembled from those of the motion over single intervals.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import final
 
 import numpy as np
 
-from socp.model import Solution, lately, numbers, parameters_of
+from socp.model import Solution, numbers, parameters_of
 from socp.transcription.motion import Sweep, bent, motion_of, swept
 from socp.transcription.phases import PhasedProblem
 from socp.transcription.shooting import Shooting
@@ -94,14 +93,6 @@ class Linearised:
         equations[shooting.others] += self.shooting.levels - shooting.levels
         return replace(self, shooting=shooting, equations=equations)
 
-    def bent(self, held: np.ndarray, stride: int = 1) -> list[np.ndarray]:
-        """Return what `motion.bent` does of every phase at multipliers held (m,): kept for the two
-        that were asked for last.
-        """
-        of_phases = [held[block.equations].T for block in self.shooting.blocks]
-        make = partial(bent, self.sweeps, of_phases, stride)
-        return lately(self, Linearised.bent, (held.tobytes(), stride), make, 2)
-
     def hessian(self, held: np.ndarray, stride: int = 1) -> np.ndarray:
         """Return the Hessian (n, n) of the cost and the equations times multipliers held (m,): that
         of steps as long as `stride` together along the same motion, in as small a part of the time.
@@ -109,7 +100,8 @@ class Linearised:
         shooting, n = self.shooting, self.at.size
         found: np.ndarray
         (found,) = numbers(shooting.joined[1], self.at, held[shooting.others])
-        for block, own in zip(shooting.blocks, self.bent(held, stride), strict=True):
+        bends = bent(self.sweeps, [held[each.equations].T for each in shooting.blocks], stride)
+        for block, own in zip(shooting.blocks, bends, strict=True):
             each = block.change.transpose(0, 2, 1) @ own @ block.change
             places = n * block.columns[:, :, None] + block.columns[:, None, :]
             found = found + np.bincount(places.ravel(), each.ravel(), n * n).reshape(n, n)

@@ -6,7 +6,7 @@ as those of all bang arcs, whatever words and intervals they stand in.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import final
 
 import casadi
@@ -16,6 +16,7 @@ from socp.model import (
     Expr,
     Problem,
     column,
+    lately,
     of_motion,
     repeated,
     time,
@@ -152,7 +153,7 @@ class Walk:
 @dataclass(frozen=True, eq=False)
 class Sweep:
     """A walk over n intervals with its slopes: `begun` (steps + 1, n, ny + 1 + np, nz + 2 + np),
-    those of y, the length of a step and p by z, t, h and p where intervals begin, and `across`
+    those of y, the length of a step and p by z, t, h and p where intervals begin, and `along`
     (steps, n, ny, ny + 1 + np), those of y after every step by the former.
 
     `stages` are those of all steps, among others or alone.
@@ -161,21 +162,21 @@ class Sweep:
     walk: Walk
     stages: Stages
     begun: np.ndarray
-    across: np.ndarray
+    along: np.ndarray
 
     @classmethod
-    def of(cls, walk: Walk, stages: Stages, across: np.ndarray) -> "Sweep":
+    def of(cls, walk: Walk, stages: Stages, along: np.ndarray) -> "Sweep":
         """Take the slopes (n steps, ny, ny + 1 + np) of steps in turns."""
         n, ny = walk.y.shape[1:]
         steps, count = len(walk.at), walk.p.size
-        across = across.reshape(steps, n, ny, -1)
+        along = along.reshape(steps, n, ny, -1)
         begun = np.zeros((steps + 1, n, ny + 1 + count, ny + count))
         begun[0, :, range(ny - 2), range(ny - 2)] = begun[0, :, ny - 1, ny - 2] = 1.0
         begun[:, :, ny, ny - 1] = 1.0 / steps
         begun[:, :, range(ny + 1, ny + 1 + count), range(ny, ny + count)] = 1.0
-        for k, own in enumerate(across):
+        for k, own in enumerate(along):
             np.matmul(own, begun[k], out=begun[k + 1, :, :ny])
-        return cls(walk, stages, begun, across)
+        return cls(walk, stages, begun, along)
 
     @property
     def ends(self) -> np.ndarray:
@@ -187,30 +188,52 @@ class Sweep:
         """Slopes (n, nz + 1, nz + 2 + np) of that by z, t, h and p."""
         return self.begun[-1, :, : self.ends.shape[1]]
 
+    @property
+    def before(self) -> np.ndarray:
+        """Of every step y before it (n, steps, ny)."""
+        return self.walk.y[:-1].swapaxes(0, 1)
+
+    @property
+    def across(self) -> np.ndarray:
+        """Of every step the slopes (n, steps, ny, ny) of y after it by y before."""
+        return self.along[:, :, :, : self.along.shape[2]].swapaxes(0, 1)
+
+    @property
+    def each(self) -> np.ndarray:
+        """The lengths (1, n steps) of the steps."""
+        return np.repeat(self.walk.each, len(self.along))[None, :]
+
+    @property
+    def p(self) -> np.ndarray:
+        """The parameters (np, 1)."""
+        return self.walk.p[:, None]
+
     def returned(self, held: np.ndarray) -> np.ndarray:
-        """Return the multipliers (steps, n, ny) of y after every step from those of z where the
+        """Return the multipliers (n, steps, ny) of y after every step from those of z where the
         intervals end, held (nz, n).
         """
-        steps, n, ny, _ = self.across.shape
+        steps, n, ny, _ = self.along.shape
         later = np.empty((steps, n, 1, ny))
         later[-1, :, 0] = np.vstack([held, np.ones((1, n)), np.zeros((1, n))]).T
         for k in reversed(range(1, steps)):
-            np.matmul(later[k], self.across[k, :, :, :ny], out=later[k - 1])
-        return later[:, :, 0]
+            np.matmul(later[k], self.along[k, :, :, :ny], out=later[k - 1])
+        return later[:, :, 0].swapaxes(0, 1)
 
     def between(self, held: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return y and its multipliers (ny, n s) at nodes (s,) between 0 and 1 of every interval,
         one interval after the other: one step from the last before it, and back from the next.
         """
-        walk, (steps, _, ny, _) = self.walk, self.across.shape
-        motion, last = walk.motion, np.minimum((nodes * steps).astype(int), steps - 1)
-        way = (walk.each[:, None] * (nodes * steps - last)).reshape(1, -1)
-        y = walk.y[last].swapaxes(0, 1).reshape(-1, ny)
-        at = motion.through(y[:, :-2].T, y[:, -1], way, walk.p)[1]
-        at[-2] += y[:, -2]
-        rest = np.repeat(walk.each, nodes.size)[:, None] - way.T
-        stages = Stages.of(motion.flow.steps, at.T, rest, walk.p, np.tile(motion.u, (len(rest), 1)))
-        later = self.returned(held)[last].swapaxes(0, 1).reshape(-1, ny)
+        motion, (n, steps, ny) = self.walk.motion, self.before.shape
+        last = np.minimum((nodes * steps).astype(int), steps - 1)
+        step = self.each.reshape(n, steps)[:, last]
+        way = (step * (nodes * steps - last)).reshape(1, -1)
+        y = self.before[:, last].reshape(-1, ny).T
+        at = motion.through(y[:-2], y[-1], way, self.p[:, 0])[1]
+        at[-2] += y[-2]
+        rest = step.reshape(-1, 1) - way.T
+        u = np.tile(motion.u, (len(rest), 1))
+        stages = Stages.of(motion.flow.steps, at.T, rest, self.p[:, 0], u)
+        later = self.returned(held)[:, last].reshape(-1, ny)
         return at, stages.returned(later)[0].T
 
     def bent(self, held: np.ndarray, stride: int = 1) -> np.ndarray:
@@ -239,26 +262,43 @@ def swept(
 def bent(sweeps: Sequence[Sweep], held: Sequence[np.ndarray], stride: int = 1) -> list[np.ndarray]:
     """Return of every sweep the Hessians (n, nz + 2 + np,) twice, by z, t, h and p where intervals
     begin, of the running cost and z times its multipliers held (nz, n): those of steps as long as
-    `stride` together.
+    `stride` together. They are kept for the two that were asked for last.
     """
+    together = cache(partial(_bent, sweeps, held, stride))
+
+    def made(k: int) -> np.ndarray:
+        return together()[k]
+
+    return [
+        lately(sweep, Sweep.bent, (own.tobytes(), stride), partial(made, k), 2)
+        for k, (sweep, own) in enumerate(zip(sweeps, held, strict=True))
+    ]
+
+
+def _bent(
+    sweeps: Sequence[Sweep], held: Sequence[np.ndarray], stride: int
+) -> dict[int, np.ndarray]:
     found = dict[int, np.ndarray]()
     for flow, which in _by_flow([each.walk.motion for each in sweeps]):
-        own = [sweeps[k] for k in which]
-        long = [math.gcd(stride, len(each.across)) for each in own]
+        own, steps = [sweeps[k] for k in which], flow.steps
+        long = [math.gcd(stride, len(each.along)) for each in own]
         y, h, u = _joined([each.walk.given(k) for each, k in zip(own, long, strict=True)])
         stages = own[0].stages
         if max(long) > 1 or len(stages.given[0]) != len(h):
-            stages = Stages.of(flow.steps, y, h, own[0].walk.p, u)
-        later = [sweeps[k].returned(held[k])[m - 1 :: m] for k, m in zip(which, long, strict=True)]
-        hessians = stages.bent(np.concatenate([each.reshape(-1, each.shape[2]) for each in later]))
-        first, inner = 0, [*flow.steps.active, *range(y.shape[1], own[0].begun.shape[2])]
-        for k, m, each in zip(which, long, later, strict=True):
-            count = each[:, :, 0].size
+            stages = Stages.of(steps, y, h, own[0].walk.p, u)
+        later = [
+            sweeps[k].returned(held[k]).swapaxes(0, 1)[m - 1 :: m].reshape(-1, y.shape[1])
+            for k, m in zip(which, long, strict=True)
+        ]
+        parts = np.cumsum([len(each) for each in later[:-1]], dtype=int)
+        hessians = np.split(stages.bent(np.concatenate(later)), parts)
+        inner = [*steps.active, *range(y.shape[1], own[0].begun.shape[2])]
+        for k, m, each in zip(which, long, hessians, strict=True):
             by = sweeps[k].begun[:-1:m][:, :, inner]
-            by[:, :, len(flow.steps.active)] *= m
-            part = hessians[first : first + count].reshape(*by.shape[:3], -1)
-            found[k], first = (by.swapaxes(2, 3) @ (part @ by)).sum(axis=0), first + count
-    return [found[k] for k in range(len(sweeps))]
+            by[:, :, len(steps.active)] *= m
+            part = each.reshape(*by.shape[:3], -1)
+            found[k] = (by.swapaxes(2, 3) @ (part @ by)).sum(axis=0)
+    return found
 
 
 def _by_flow(motions: Sequence[Motion]) -> list[tuple[Flow, list[int]]]:

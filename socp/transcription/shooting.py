@@ -124,7 +124,7 @@ class Shooting:
     @cached_property
     def w(self) -> Expr:
         """Variables (n, 1)."""
-        return casadi.MX.sym("w", self.start.size)
+        return casadi.SX.sym("w", self.start.size)
 
     @cached_property
     def parts(self) -> tuple[Expr, Expr, Expr, list[Expr]]:
@@ -225,17 +225,15 @@ class Shooting:
     @cached_property
     def held(self) -> list[Expr]:
         """Of every phase the expressions (k, 1) that vanish where it begins and where it ends."""
-        problem, (t0, lengths, p, z) = self.phased.of, self.parts
-        nx, found = problem.x.numel(), []
+        problem, (t0, lengths, p, z), found = self.phased.of, self.parts, []
         for k, phase in enumerate(self.phased.phases):
-            given = [problem.x, phase.carried, time, problem.p]
-            rows, begin = [], t0 + casadi.sum1(lengths[:k])
+            given = casadi.vertcat(problem.x, phase.carried, time, problem.p)
+            rows, begin = list[Expr](), t0 + casadi.sum1(lengths[:k])
             for held, at in ((phase.entry, 0), (phase.exit, -1)):
-                if not held:
-                    continue
-                function = casadi.Function("held", given, [column(held)])
-                moment = begin + lengths[k] if at else begin
-                rows.append(function(z[k][:nx, at], z[k][nx:, at], moment, p))
+                if held:
+                    moment = begin + lengths[k] if at else begin
+                    values = casadi.vertcat(z[k][:, at], moment, p)
+                    rows.append(casadi.substitute(column(held), given, values))
             found.append(casadi.vertcat(*rows))
         return found
 
@@ -373,7 +371,7 @@ def _joined(shooting: Shooting) -> tuple[casadi.Function, casadi.Function]:
         rows += [*([z[k][:nx, 0] - z[k - 1][:nx, -1]] if k else []), held]
     equations = casadi.vertcat(*rows, shooting.at_ends)
     ends = [z[-1][:nx, -1], z[0][:nx, 0], p, t0, t0 + casadi.sum1(lengths)]
-    w, by = shooting.w, casadi.MX.sym("l", shooting.others.size)
+    w, by = shooting.w, casadi.SX.sym("l", shooting.others.size)
     cost = mayer_function(shooting.phased.of)(*ends)
     slopes = [casadi.jacobian(equations, w), casadi.gradient(cost, w)]
     hessian = casadi.hessian(cost + casadi.dot(by, equations), w)[0]

@@ -8,7 +8,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from socp.model import TINY, lately, scales
+from socp.model import TINY, cached, lately, scales
 from socp.transcription import Linearised, Shooting, residuals
 
 _RUIZ = 5  # rounds of scaling: each halves the decades between rows
@@ -58,6 +58,11 @@ class Conditions:
         """Take note of what conditions that differ in the ends' levels alone are somewhere."""
         key = (here.at.tobytes(),)
         lately(self, Conditions.linearised, key, partial(here.under, self.shooting))
+
+    def cost(self, at: np.ndarray) -> float:
+        """Return the cost at variables (n,)."""
+        here = cached(self, Conditions.linearised).get((at.tobytes(),))
+        return residuals(self.shooting, at)[1] if here is None else here.cost
 
     @property
     def rows(self) -> tuple[Any, ...]:
@@ -287,4 +292,4 @@ def settled(
         or (signs * held < -_DONE * np.abs(held).max()).any()
     ):
         return None
-    return Settled(at, held, residuals(conditions.shooting, at)[1], system)
+    return Settled(at, held, conditions.cost(at), system)

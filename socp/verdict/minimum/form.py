@@ -180,15 +180,14 @@ class Form:
         """Return the same for the n intervals of a phase without singular controls, by y where they
         begin: what the word's own conditions are made of tells both.
         """
-        here = self.known.conditions.linearised(self.known.at)
-        sweep = here.sweeps[k]
+        sweep = self.known.conditions.linearised(self.known.at).sweeps[k]
         (n, _, ny), nx, lengths = sweep.slopes.shape, self.problem.x.numel(), self._lengths(k)
         by = np.ones((n, ny))
         by[:, nx + 1] = lengths  # r stretches them all
         ends = np.tile(np.eye(ny), (n, 1, 1))
         ends[:, :nx] = sweep.slopes[:, :nx] * by[:, None]
         ends[:, nx, nx + 1] = lengths
-        bent = here.bent(self.known.held)[k]
+        bent = sweep.bent(self.known.held[self.shooting.blocks[k].equations].T)
         return ends, by[:, :, None] * bent * by[:, None]
 
     def _lengths(self, k: int) -> np.ndarray:

@@ -47,7 +47,7 @@ def one_step(flow: casadi.Function) -> casadi.Function:
     ends = [y]
     slopes = [rate(y, plans[0], moments[0], p)]
     for point, moment, plan in zip(stage_points(n), moments[1:], plans[1:], strict=True):
-        ends.append(point(y, h, casadi.horzcat(*slopes)))
+        ends.append(point(y, h, *slopes))
         slopes.append(rate(ends[-1], plan, moment, p))
     found = _looked_at(n)(y, h, ends[_END], casadi.horzcat(*slopes), rtol, atol)
     return casadi.Function("step", [y, u, t, h, p, rtol, atol], [ends[_END], *found])
