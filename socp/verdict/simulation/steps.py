@@ -33,45 +33,56 @@ _PEAK = (4 / 7) ** 4 * (3 / 7) ** 3  # of x^4 (1 - x)^3, the last of the basis
 @once
 def one_step(flow: casadi.Function) -> casadi.Function:
     """Return a step along rates (x, u, t, p) -> (n,), the last of which no rate depends on: from y
-    (n,), controls (nu, 16) and times (1, 16) of the stages, h, p, and what may be missed, relative
-    and absolute (n,), to y after it, its error (2,) and the coefficients (n, 7) of what is in
-    between. The error is over what is allowed, by what the step misses and, where that is more than
-    one, by what is left out in between.
+    (n,), controls (nu, 16) and times (1, 16) of the stages, h and p to y after it and the slopes
+    (n, 16) of the stages.
+
+    The rates are written out for all stages in one call, of points that hold the slopes before them
+    as symbols: a call a stage takes three times as long.
     """
-    symbol, n, count = casadi.SX.sym, flow.size1_out(0), DOP853_TIMES.size
-    y, h, p = symbol("y", n), symbol("h"), symbol("p", flow.size1_in(3))
+    count, symbol = DOP853_TIMES.size, casadi.SX.sym
+    y, h, slopes, points = _stages(flow.size1_out(0))
     u, t = symbol("u", flow.size1_in(1), count), symbol("t", 1, count)
-    rtol, atol = symbol("rtol"), symbol("atol", n)
-    moments, plans = casadi.horzsplit(t), casadi.horzsplit(u)
-    rate = casadi.Function("rate", [y, u[:, 0], t[0], p], [flow(y[:-1], u[:, 0], t[0], p)])
-    ends = [y]
-    slopes = [rate(y, plans[0], moments[0], p)]
-    for point, moment, plan in zip(stage_points(n), moments[1:], plans[1:], strict=True):
-        ends.append(point(y, h, *slopes))
-        slopes.append(rate(ends[-1], plan, moment, p))
-    found = _looked_at(n)(y, h, ends[_END], casadi.horzcat(*slopes), rtol, atol)
-    return casadi.Function("step", [y, u, t, h, p, rtol, atol], [ends[_END], *found])
+    p = symbol("p", flow.size1_in(3))
+    rates = flow.map(count)(points[:-1, :], u, t, casadi.repmat(p, 1, count))
+    told = [points[:, _END], casadi.horzcat(*slopes)]
+    found = casadi.substitute_inplace(slopes, casadi.horzsplit(rates), told)[1]
+    return casadi.Function("step", [y, u, t, h, p], [casadi.densify(each) for each in found])
 
 
 @cache
-def _looked_at(n: int) -> casadi.Function:
-    """Return the error and what is in between, as of `one_step`, from y (n,), h, y after the step,
-    the slopes (n, 16) of the stages, and what may be missed.
+def _stages(n: int) -> tuple[casadi.SX, casadi.SX, list[casadi.SX], casadi.SX]:
+    """Return y (n,), h, the slopes (n,) of the stages and where these look at y (n, 16), by the
+    slopes of those before.
+    """
+    y, h = casadi.SX.sym("y", n), casadi.SX.sym("h")
+    slopes = [casadi.SX.sym("k", n) for _ in DOP853_TIMES]
+    later = [point(y, h, *slopes[:k]) for k, point in enumerate(stage_points(n), start=1)]
+    return y, h, slopes, casadi.horzcat(y, *later)
+
+
+@cache
+def looked_at(n: int) -> casadi.Function:
+    """Return, from y (n,), h, the slopes (n, 16) of the stages, and what may be missed, relative
+    and absolute (n,), the error (2,) of a step and the coefficients (n, 7) of what is in between.
+
+    The error is over what is allowed, by what the step misses and, where that is more than one, by
+    what is left out in between.
     """
     symbol = casadi.SX.sym
-    y, h, after, slopes = symbol("y", n), symbol("h"), symbol("after", n), symbol("slopes", n, 16)
+    y, h, slopes = symbol("y", n), symbol("h"), symbol("slopes", n, DOP853_TIMES.size)
     rtol, atol = symbol("rtol"), symbol("atol", n)
     errors = h * casadi.mtimes(slopes[:, : _END + 1], casadi.DM(DOP853_ERRORS))
-    moved, first, last = after - y, h * slopes[:, 0], h * slopes[:, _END]
+    moved = stage_points(n)[_END - 1](0, h, slopes[:, :_END])
+    first, last = h * slopes[:, 0], h * slopes[:, _END]
     more = h * casadi.mtimes(slopes, casadi.DM(DOP853_THROUGH))
     between = casadi.horzcat(moved, first - moved, 2 * moved - last - first, more)
-    scale = atol + casadi.fmax(casadi.fabs(y), casadi.fabs(after)) * rtol
+    scale = atol + casadi.fmax(casadi.fabs(y), casadi.fabs(y + moved)) * rtol
     fifth, third = casadi.vertsplit(casadi.sum1((errors / casadi.repmat(scale, 1, 2)) ** 2).T)
     both = (fifth + 0.01 * third) * n
     missed = fifth / casadi.sqrt(casadi.fmax(both, TINY))
     left = _PEAK * rtol / _BETWEEN * casadi.mmax(casadi.fabs(more[:, -1]) / scale)
     found = [casadi.densify(each) for each in (casadi.vertcat(missed, left), between)]
-    return casadi.Function("looked_at", [y, h, after, slopes, rtol, atol], found)
+    return casadi.Function("looked_at", [y, h, slopes, rtol, atol], found)
 
 
 @final
@@ -139,8 +150,9 @@ class Steps:
             t = min(self.t + length, self._end)
             length = t - self.t
             at = np.minimum(self.t + DOP853_TIMES * length, self._latest)
-            given = self.y, self._plan(at), at, length, self._p, self._rtol, self._atol
-            after, errors, between = numbers(self._one, *given)
+            after, slopes = numbers(self._one, self.y, self._plan(at), at, length, self._p)
+            given = self.y, length, slopes, self._rtol, self._atol
+            errors, between = numbers(looked_at(self.y.size), *given)
             error = float(worst(errors)[0])
             if error < 1:
                 most = 1.0 if rejected else _MOST

@@ -13,11 +13,11 @@ from typing import final
 import casadi
 import numpy as np
 
+from socp.model import numbers, repeated
 from socp.process import in_time
 from socp.transcription import DOP853_TIMES
-from socp.verdict.simulation.steps import LEAST, basis, one_step, shorter, worst
+from socp.verdict.simulation.steps import LEAST, basis, looked_at, one_step, shorter, worst
 
-_ROWS = "rows"  # where they stand beside what a function has of its own
 _ROW = 32  # steps that are taken before their errors are looked at
 # Steps that are tried beyond twice those laid out: what takes more goes on by single ones, which
 # tell what is stiff
@@ -91,39 +91,6 @@ class Strides:
         return found.T
 
 
-@final
-class _Row:
-    """The memory on which steps along a flow follow one another, each a call that reads where the
-    one before it has written; calls are made when there are first so many steps.
-    """
-
-    def __init__(self, flow: casadi.Function) -> None:
-        self.one, stages = one_step(flow), DOP853_TIMES.size
-        n, nu, count = flow.size1_out(0), flow.size1_in(1), flow.size1_in(3)
-        self.y = np.zeros((_ROW + 1, n))
-        self.u, self.t = np.zeros((_ROW, stages, nu)), np.zeros((_ROW, stages))
-        self.h, self.p = np.zeros(_ROW), np.zeros(count)
-        self.rtol, self.atol = np.zeros(1), np.zeros(n)
-        self.errors, self.between = np.zeros((_ROW, 2)), np.zeros((_ROW, 7, n))
-        self.buffers: list[casadi.FunctionBuffer] = []
-        self.calls: list[Callable[[], None]] = []
-
-    def first(self, count: int) -> list[Callable[[], None]]:
-        """Return the calls of so many steps."""
-        shared = self.p, self.rtol, self.atol
-        for k in range(len(self.calls), count):
-            buffer, call = self.one.buffer()
-            given = self.y[k], self.u[k], self.t[k], self.h[k : k + 1], *shared
-            found = self.y[k + 1], self.errors[k], self.between[k]
-            for place, arrays in ((buffer.set_arg, given), (buffer.set_res, found)):
-                for i, each in enumerate(arrays):
-                    if each.size:
-                        place(i, each.reshape(-1).data)
-            self.buffers.append(buffer)
-            self.calls.append(call)
-        return self.calls[:count]
-
-
 def strides(course: Course, laid: np.ndarray, y: np.ndarray, most: np.ndarray) -> Strides:
     """Take steps from y (n,) that are `laid` out, rows (3, k) of where each begins and ends and its
     piece, or parts of them; it ends before one that takes y beyond `most` (n,), and where that
@@ -131,12 +98,10 @@ def strides(course: Course, laid: np.ndarray, y: np.ndarray, most: np.ndarray) -
     """
     left = _TRIED + 2 * laid.shape[1]
     done = [Strides.none(y.size)]
-    rows: dict[int, _Row] = vars(course.flow).setdefault(_ROWS, {})
-    row = rows.pop(_ROW, None) or _Row(course.flow)  # nobody else works on it meanwhile
     while laid.shape[1] and left > 0 and not _too_short(laid):
         in_time("re-integration")
         now, laid = laid[:, :_ROW], laid[:, _ROW:]
-        found, off = _taken(row, course, now, y)
+        found, off = _taken(course, now, y)
         gone = ~(np.abs(found.after) <= most).all(axis=1)
         bad = np.flatnonzero(~(off < 1) | gone)
         good = int(bad[0]) if bad.size else off.size
@@ -147,7 +112,6 @@ def strides(course: Course, laid: np.ndarray, y: np.ndarray, most: np.ndarray) -
         if bad.size:
             laid = np.hstack([_cut(now[:, good:], off[good:]), laid])
         y = done[-1].after[-1] if good else y
-    rows[_ROW] = row
     return Strides.joined(done)
 
 
@@ -173,20 +137,17 @@ def _cut(laid: np.ndarray, off: np.ndarray) -> np.ndarray:
     return np.array([np.where(place > 1, np.roll(ends, 1), begins), ends, on])
 
 
-def _taken(
-    row: _Row, course: Course, laid: np.ndarray, y: np.ndarray
-) -> tuple[Strides, np.ndarray]:
+def _taken(course: Course, laid: np.ndarray, y: np.ndarray) -> tuple[Strides, np.ndarray]:
     """Return the steps (3, k) that are laid out, with their errors (k,), whatever these are."""
     begins, ends, on = laid[0], laid[1], laid[2].astype(int)
     k, stages, h = on.size, DOP853_TIMES.size, ends - begins
     t = np.minimum(begins[:, None] + h[:, None] * DOP853_TIMES, course.latest[on][:, None])
-    row.y[0], row.t[:k], row.h[:k] = y, t, h
-    row.p[:], row.rtol[:], row.atol[:] = course.p, course.rtol, course.atol
-    if row.u.size:
-        u = course.controls(t.ravel(), np.repeat(on, stages))
-        row.u[:k] = u.T.reshape(k, stages, -1)
-    for call in row.first(k):
-        call()
-    led = row.y[: k + 1].copy()
-    found = Strides(begins, ends, on, led[:-1], led[1:], row.between[:k].copy())
-    return found, worst(row.errors[:k].T)
+    u = course.controls(t.ravel(), np.repeat(on, stages))
+    given = u.T.reshape(k, 1, -1), t[:, None, :], h[:, None, None], course.p
+    after, slopes = (each[:, 0] for each in repeated(one_step(course.flow), [y[None]], given, k))
+    before = np.vstack([y, after[:-1]])
+    slopes = slopes.reshape(k * stages, -1).T
+    told = before.T, h[None], slopes, course.rtol, course.atol
+    errors, between = numbers(looked_at(y.size), *told)
+    between = between.T.reshape(k, -1, y.size)
+    return Strides(begins, ends, on, before, after, between), worst(errors)
