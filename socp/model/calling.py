@@ -2,8 +2,10 @@
 to casadi and back a call takes several evaluations' worth.
 """
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from threading import Lock
 from typing import Any, final
 
@@ -115,6 +117,7 @@ def _put_back(function: casadi.Function, desk: "_Desk") -> None:
 
 
 _DESK = "desk"  # where they stand beside what a function has of its own
+_FEW = 48  # points: for more of them a map of maps is made faster than a map
 _DESKS = 8  # of a function, for as many counts of points: solves in turns keep to a few
 
 
@@ -127,15 +130,33 @@ class _Desk:
     def __init__(self, function: casadi.Function, count: int) -> None:
         asked, told = _ports(function)
         self.count = count
-        self.function = function.map(count) if count > 1 else function
+        size, blocks = _blocks(count)
+        block = function.map(size) if size > 1 else function
+        self.function = block.map(blocks) if blocks > 1 else block
         self.buffer, self.trigger = self.function.buffer()
-        self.given = [np.zeros((count, kept)) for _, kept, _ in asked]
-        self.found = [np.zeros((count, kept)) for *_, kept, _ in told]
-        self.asked = [each for each, (size, *_) in zip(self.given, asked, strict=True) if size]
-        for place, arrays in ((self.buffer.set_arg, self.given), (self.buffer.set_res, self.found)):
+        given = [np.zeros((size * blocks, kept)) for _, kept, _ in asked]
+        found = [np.zeros((size * blocks, kept)) for *_, kept, _ in told]
+        for place, arrays in ((self.buffer.set_arg, given), (self.buffer.set_res, found)):
             for i, each in enumerate(arrays):
                 if each.size:
                     place(i, each.reshape(-1).data)
+        self.given, self.found = ([each[:count] for each in both] for both in (given, found))
+        self.asked = [each for each, (size, *_) in zip(self.given, asked, strict=True) if size]
+
+
+@cache
+def _blocks(count: int) -> tuple[int, int]:
+    """Return the points of a block, and how many blocks hold so many points with the fewest to
+    spare.
+
+    For a map casadi goes over the patterns of all its points, which takes longer than most
+    functions do there: a map of a map has twice the square root of them.
+    """
+    if count <= _FEW:
+        return count, 1
+    root = math.isqrt(count)
+    size = min(range(root, 3 * root), key=lambda each: -count % each)
+    return size, -(-count // size)
 
 
 @once

@@ -12,7 +12,7 @@ FUNCTION = casadi.Function("f", [X, U, P], [VALUE, casadi.jacobian(VALUE, X), ca
 NONE = np.zeros(0)
 
 
-@pytest.mark.parametrize("count", [1, 2, 7])
+@pytest.mark.parametrize("count", [1, 2, 7, 48, 49, 101, 703])
 def test_points_stand_side_by_side(count: int) -> None:
     random = np.random.default_rng(count)
     x, u = random.standard_normal((3, count)), random.standard_normal((1, count))

@@ -72,7 +72,7 @@ def looked_at(n: int) -> casadi.Function:
     y, h, slopes = symbol("y", n), symbol("h"), symbol("slopes", n, DOP853_TIMES.size)
     rtol, atol = symbol("rtol"), symbol("atol", n)
     errors = h * casadi.mtimes(slopes[:, : _END + 1], casadi.DM(DOP853_ERRORS))
-    moved = stage_points(n)[_END - 1](0, h, slopes[:, :_END])
+    moved = stage_points(n)[_END - 1](0, h, *casadi.horzsplit(slopes[:, :_END]))
     first, last = h * slopes[:, 0], h * slopes[:, _END]
     more = h * casadi.mtimes(slopes, casadi.DM(DOP853_THROUGH))
     between = casadi.horzcat(moved, first - moved, 2 * moved - last - first, more)
