@@ -16,7 +16,7 @@ from socp.model import (
     once,
     rate_function,
     repeated,
-    running_function,
+    running_costs,
     shown_sizes,
     time,
 )
@@ -329,7 +329,7 @@ def _worth(problem: Problem, runs: _Runs, x: np.ndarray, t: np.ndarray, whole: f
 
     Where there is none, the horizon.
     """
-    (running,) = numbers(running_function(problem), x, runs.bangs[-1], t, runs.p)
+    running = running_costs(problem, x, runs.bangs[-1], t, runs.p)
     (mayer,) = numbers(mayer_function(problem), x, runs.x0, runs.p, runs.t0, t)
     return (_typical(running) * whole + _typical(mayer)) or whole
 

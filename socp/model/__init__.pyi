@@ -33,6 +33,7 @@ from .evaluation import mayer_slopes as mayer_slopes
 from .evaluation import objective_size as objective_size
 from .evaluation import parameters_of as parameters_of
 from .evaluation import rate_function as rate_function
+from .evaluation import running_costs as running_costs
 from .evaluation import running_function as running_function
 from .evaluation import scales as scales
 from .evaluation import shown_sizes as shown_sizes

@@ -81,6 +81,17 @@ def switching_function(problem: Problem) -> casadi.Function:
     return casadi.Function("sigma", given, [casadi.densify(problem.switching)])
 
 
+def running_costs(
+    problem: Problem, x: np.ndarray, u: np.ndarray, t: np.ndarray, p: np.ndarray
+) -> np.ndarray:
+    """Return the running cost (n,) at states (nx, n), controls (nu, n), times (n,) and parameters,
+    (np,) or (np, n). Where it is a number, as where there is none, nothing is evaluated.
+    """
+    if problem.lagrangian.is_constant():
+        return np.full(t.size, float(problem.lagrangian))
+    return evaluate(running_function(problem), x, u, t, p)[0].ravel()
+
+
 @of_motion
 @once
 def running_function(problem: Problem) -> casadi.Function:
@@ -167,19 +178,15 @@ def objective_size(problem: Problem, solution: Solution, states: np.ndarray | No
     scale = (scales(problem, solution) if states is None else states)[:, None]
     x, t, p = solution.rows("x"), solution.t, parameters_of(problem, solution)
     x = np.where(np.isfinite(x), x, 0.0)
-    cost, mayer = running_function(problem), mayer_function(problem)
-    running = [magnitude(partial(_running, cost, u[:, None], t, p), x, scale) for u in problem.box]
+    mayer = mayer_function(problem)
+    bounds = [np.repeat(u[:, None], t.size, axis=1) for u in problem.box]
+    costs = [partial(running_costs, problem, u=u, t=t, p=p) for u in bounds]
+    running = [magnitude(cost, x, scale) for cost in costs]
     ends = solution.initial_time, solution.final_time
     last = magnitude(lambda xf: numbers(mayer, xf, x[:, 0], p, *ends)[0].ravel(), x[:, -1:], scale)
     typical = np.nanmedian(np.max(running, axis=0)) if np.isfinite(running).any() else 0.0
     size = float(typical) * (ends[1] - ends[0]) + float(last[0])
     return size if 0.0 < size < np.inf else 1.0
-
-
-def _running(
-    cost: casadi.Function, u: np.ndarray, t: np.ndarray, p: np.ndarray, x: np.ndarray
-) -> np.ndarray:
-    return evaluate(cost, x, np.repeat(u, t.size, axis=1), t, p)[0].ravel()
 
 
 def magnitude(

@@ -22,7 +22,7 @@ from socp.model import (
     of_motion,
     once,
     parameters_of,
-    running_function,
+    running_costs,
     scales,
     time,
 )
@@ -184,9 +184,9 @@ def unresolved(problem: Problem, solution: Solution) -> list[np.ndarray]:
     scale, size = scales(problem, solution)[:, None], objective_size(problem, solution)
     width = np.diff(problem.box, axis=0).T
     horizon, p = solution.final_time - solution.initial_time, parameters_of(problem, solution)
-    cost, found = running_function(problem), []
+    found = []
     for arc in solution.arcs:
-        running = evaluate(cost, arc.x, arc.u, arc.t, p)[0] * horizon / size
+        running = running_costs(problem, arc.x, arc.u, arc.t, p) * horizon / size
         share = np.diff(arc.t[arc.mesh]) / horizon
         rates = tails(arc, np.vstack([running, arc.u / width])) * share
         found.append(np.maximum(tails(arc, arc.x / scale), np.nan_to_num(rates)))

@@ -17,14 +17,13 @@ from socp.model import (
     Arc,
     Problem,
     Solution,
-    evaluate,
     fast,
     lagrange,
     magnitude,
     of_motion,
     once,
     parameters_of,
-    running_function,
+    running_costs,
     scales,
 )
 from socp.process import in_time
@@ -254,7 +253,7 @@ def running_size(solution: Solution, problem: Problem) -> float:
     def whole(values: np.ndarray) -> float:
         return float(np.nansum(0.5 * (values[1:] + values[:-1]) * np.diff(t)))
 
-    here = np.abs(evaluate(running_function(problem), x, u, t, p)[0].ravel())
+    here = np.abs(running_costs(problem, x, u, t, p))
     found = max(whole(here), EXTREMAL * whole(magnitude_along(problem, (t, x, u), p, scale)))
     return found if 0.0 < found < np.inf else 1.0
 
@@ -269,10 +268,10 @@ def magnitude_along(
     (nu, n) under parameters p (np,): its absolute value, and what it changes by when every state
     changes by its own, `scale` (nx,).
     """
-    (t, x, u), cost = motion, running_function(problem)
+    t, x, u = motion
 
     def at(states: np.ndarray) -> np.ndarray:
-        return evaluate(cost, states, u, t, p)[0].ravel()
+        return running_costs(problem, states, u, t, p)
 
     return magnitude(at, x, scale[:, None]) if _by_states(problem) else np.abs(at(x))
 

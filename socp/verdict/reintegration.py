@@ -26,7 +26,7 @@ from socp.model import (
     mayer_function,
     numbers,
     parameters_of,
-    running_function,
+    running_costs,
     sizes,
 )
 from socp.verdict.motion import FINE, RTOL, Log, magnitude_along, travel
@@ -126,7 +126,7 @@ def objective_of(
     if off != off:  # noqa: PLR0124
         return value, np.inf  # nan is far from everything
     if not off <= EXTREMAL * size:
-        terms = np.abs(evaluate(running_function(problem), x, u, t, p)[0].ravel())
+        terms = np.abs(running_costs(problem, x, u, t, p))
         # what is just beyond that is feasible at least, whatever is left of the terms
         size = max(whole(terms, np.abs(last(x[:, -1]))), EXTREMAL / FEASIBLE * size)
     return value, off / max(size, TINY)

@@ -4,6 +4,7 @@ import copy
 import gc
 import pickle
 import weakref
+from dataclasses import replace
 
 import casadi
 import numpy as np
@@ -121,10 +122,21 @@ def test_values_along_a_solution() -> None:
     np.testing.assert_allclose(rate, [x[1] + p[0], guess.rows("u")[0]])
     (running,) = evaluate(evaluation.running_function(problem), x, guess.rows("u"), t, p)
     np.testing.assert_allclose(running, [guess.rows("u")[0] * x[0]])
+    assert np.array_equal(evaluation.running_costs(problem, x, guess.rows("u"), t, p), running[0])
     ends = evaluation.end_values(problem, guess)
     assert ends[0].tolist() == x[:, -1].tolist()
     assert ends[1].tolist() == x[:, 0].tolist()
     assert ends[3:] == [guess.initial_time, guess.final_time]
+
+
+@pytest.mark.parametrize("cost", [None, 3.0])
+def test_a_running_cost_that_is_a_number_is_that_number(cost: float | None) -> None:
+    problem = replace(posed(), running=cost)
+    guess = default_guess(problem)
+    x, u, p = guess.rows("x"), guess.rows("u"), evaluation.parameters_of(problem, guess)
+    found = evaluation.running_costs(problem, x, u, guess.t, p)
+    (asked,) = evaluate(evaluation.running_function(problem), x, u, guess.t, p)
+    assert np.array_equal(found, asked[0])
 
 
 @pytest.mark.parametrize("n", [0, 1, 5])
