@@ -46,19 +46,24 @@ _CODES = {name: code for code, name in _NAMES.items()}
 
 
 def written(
-    expressions: Sequence[Expr], symbols: Mapping[str, Expr]
+    expressions: Sequence[Expr], symbols: Mapping[str, Expr], settled: Sequence[Node] = ()
 ) -> tuple[list[Node], list[int]]:
     """Return expressions (m) of named symbols as a list of entries and the places of the m
     expressions in it.
 
-    What is read back from it is written as the same list again. Raises ProblemError for an
-    operation or a number that has no spelling.
+    What is read back from it is written as the same list again, which is known of one that is
+    `settled`. Raises ProblemError for an operation or a number that has no spelling.
     """
-    found = _listed(expressions, symbols)
+    if not expressions:
+        return [], []
+    names, given = list(symbols), column(symbols.values())
+    found = _listed(expressions, names, given)
     for _ in range(_ROUNDS):
         nodes, places = found
+        if nodes == settled:
+            break
         whole = read(nodes, symbols)
-        again = _listed([whole[place] for place in places], symbols)
+        again = _listed([whole[place] for place in places], names, given)
         if again == found:
             break
         found = again
@@ -123,12 +128,11 @@ def _shown(value: Any) -> str:
 
 
 def _listed(
-    expressions: Sequence[Expr], symbols: Mapping[str, Expr]
+    expressions: Sequence[Expr], names: Sequence[str], symbols: Expr
 ) -> tuple[list[Node], list[int]]:
-    """Return the list of expressions as they are, equal entries merged, in the order in which
-    casadi meets them.
+    """Return the list of expressions of symbols (n, 1) with these names as they are, equal entries
+    merged, in the order in which casadi meets them.
     """
-    names = list(symbols)
     nodes: list[Node] = []
     known: dict[Any, int] = {}
 
@@ -154,7 +158,7 @@ def _listed(
 
     found = fold(
         column(expressions),
-        column(symbols.values()),
+        symbols,
         lambda k: place(names[k]),
         lambda number: place(_number(number)),
         of_operation,

@@ -51,16 +51,24 @@ def written(problem: Mapping[str, Any], symbols: Symbols) -> Data:
 
 
 def _data(problem: Mapping[str, Any], symbols: Symbols) -> Data:
-    names, data = by_name(symbols), _defining(problem, symbols)
+    names = by_name(symbols)
+    data = _defining(problem, symbols, names)
     head = {"fingerprint": stated.fingerprint(data), "name": problem["name"]}
     formula = {} if problem["formula"] is None else _formula(problem["formula"], names)
     return {**head, **data, "about": _about(problem, names), **formula}
 
 
-def _defining(problem: Mapping[str, Any], symbols: Symbols) -> Data:
-    """Return what of a statement its fingerprint is of."""
+def _defining(
+    problem: Mapping[str, Any],
+    symbols: Symbols,
+    names: Mapping[str, Expr],
+    settled: Sequence[grammar.Node] = (),
+) -> Data:
+    """Return what of a statement its fingerprint is of; a list of nodes that is `settled` reads
+    back as it is written.
+    """
     parts = dict(expressions(problem))
-    nodes, places = grammar.written(list(parts.values()), by_name(symbols))
+    nodes, places = grammar.written(list(parts.values()), names, settled)
     at = dict(zip(parts, places, strict=True))
     data: Data = {
         **{kind: [symbol.name() for symbol in its] for kind, its in symbols.items()},
@@ -85,7 +93,7 @@ def faithful(data: Mapping[str, Any], symbols: Symbols, formula: Formula) -> boo
     own = {symbol.name(): symbol for symbol in formula.values}
     leaves = _leaves(data["formula"], {**names, **own})
     values = {path: valued(leaf, formula.values) for path, leaf in leaves.items()}
-    again = _defining(planted(_plain(data, names), values), symbols)
+    again = _defining(planted(_plain(data, names), values), symbols, names, data["nodes"])
     return bool(stated.fingerprint(again) == data["fingerprint"])
 
 
