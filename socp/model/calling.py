@@ -83,7 +83,8 @@ def repeated(
         if each.ndim < own.ndim + 1:  # the same for every call
             own[:] = each
         elif own.size:
-            pairs.append((own, np.broadcast_to(each, (times, *own.shape))))
+            spread = each if len(each) == times else np.broadcast_to(each, (times, *own.shape))
+            pairs.append((own, spread))
     found = [np.empty((times, *own.shape)) for own in desk.found]
     for own, each in zip(begun, first, strict=True):
         own[:] = each

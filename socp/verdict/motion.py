@@ -280,7 +280,8 @@ def magnitude_along(
 @once
 def _by_states(problem: Problem) -> bool:
     """Tell whether the running cost changes with the states."""
-    return bool(casadi.depends_on(problem.lagrangian, problem.x))
+    cost = problem.lagrangian
+    return not cost.is_constant() and bool(casadi.depends_on(cost, problem.x))
 
 
 def _flow(problem: Problem, piece: Piece, p: np.ndarray) -> Flow | Control:
