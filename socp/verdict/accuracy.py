@@ -34,7 +34,7 @@ from socp.transcription import (
     knot_times,
     residuals,
 )
-from socp.verdict.newton import AWAY, ULPS, Conditions, Settled
+from socp.verdict.newton import AWAY, ULPS, Conditions, Settled, System
 
 # Of the states: steps are doubled until the motion changes by no more; rounding leaves some hundred
 # ulps
@@ -206,11 +206,9 @@ def _measured(conditions: Conditions, held: np.ndarray, pieces: list[int]) -> Ac
     for row, last in zip(rows, accumulate(pieces, initial=0), strict=True):
         row[: last + 1] = 1.0
     asked = np.vstack([rows, gradient[None, :]])
-    rounding = system.rounding(asked, held)
+    rounding = system.rounding(asked)
     if system.deficient:
-        rounding = rounding + _by_curvature(conditions, asked)
-        if not np.isfinite(rounding).all():
-            return None
+        rounding = rounding + _by_curvature(conditions, system, asked)
     # along the step the conditions change to second order, and so does the Lagrangian, which is the
     # objective there
     left, there = residuals(shooting, at + moved)
@@ -221,10 +219,10 @@ def _measured(conditions: Conditions, held: np.ndarray, pieces: list[int]) -> Ac
     return Accuracy(np.where(system.open(rows), np.inf, times), float(apart))
 
 
-def _by_curvature(conditions: Conditions, rows: np.ndarray) -> np.ndarray:
+def _by_curvature(conditions: Conditions, system: System, rows: np.ndarray) -> np.ndarray:
     """Return how far linear functions `rows` (k, n) of the variables may be off where a combination
     of the equations is stationary along the variables: (k,), infinite where none of these is at an
-    extreme.
+    extreme. Equations and variables are compared at the one magnitude that their matrix has.
 
     So it is at an abnormal extremal, towards which multipliers grow without end: the directions
     that keep the other equations are told by this one to second order alone, by the root of what is
@@ -233,21 +231,22 @@ def _by_curvature(conditions: Conditions, rows: np.ndarray) -> np.ndarray:
     """
     shooting, at = conditions.shooting, conditions.shooting.start
     here, size = conditions.linearised(at), conditions.size
-    slopes = here.slopes * size
+    across, along = system.d[size.size :], size * system.d[: size.size]
+    slopes = across[:, None] * here.slopes * along
     to, values, by = np.linalg.svd(slopes)
     told = int((values > _STATIONARY * values.max(initial=0.0)).sum())
     kept, found = by[told:].T, list[np.ndarray]()
     # the equations of the motion itself are those of steps without end
     finer = shooting.in_steps(tuple(2 * each for each in shooting.steps))
     left = np.stack([residuals(each, at)[0] for each in (shooting, finer)])
-    rounding, asked = ULPS * np.linalg.norm(slopes, axis=1), rows * size @ kept
+    rounding, asked = ULPS * np.linalg.norm(slopes, axis=1), rows * along @ kept
     straight = here.hessian(np.zeros(len(slopes)))
     for each in to[:, told:].T:
-        bent = (here.hessian(each) - straight) * size[:, None] * size
+        bent = (here.hessian(across * each) - straight) * along[:, None] * along
         values, vectors = np.linalg.eigh(kept.T @ bent @ kept)
         if np.abs(values).max(initial=0.0) <= _SAME * np.abs(bent).max(initial=0.0):
             continue
-        off = np.abs(left @ each).max() + np.abs(each) @ rounding
+        off = np.abs(left @ (across * each)).max() + np.abs(each) @ rounding
         extreme = values.min() * values.max() > 0.0
         apart = (asked @ vectors) ** 2 @ np.abs(2.0 * off / values) if extreme else np.inf
         found.append(np.sqrt(apart) + np.zeros(len(rows)))

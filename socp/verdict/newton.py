@@ -111,7 +111,7 @@ class Conditions:
         n, C = at.size, C * self.size
         matrix = np.zeros((n + held.size, n + held.size))
         matrix[:n, :n], matrix[:n, n:], matrix[n:, :n] = H * self.size[:, None] * self.size, C.T, C
-        return System.of(matrix, self.size)
+        return System.of(matrix, self.size, held)
 
     def derivatives(self, at: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the slopes of the equations (m, n) and the Hessian (n, n) of the Lagrangian."""
@@ -129,21 +129,22 @@ class Conditions:
 @final
 @dataclass(frozen=True, eq=False)
 class System:
-    """The matrix of first-order conditions, its variables scaled by `size` (n,), brought to one
-    magnitude by `d`.
+    """The matrix of first-order conditions at multipliers `held` (m,), its variables scaled by
+    `size` (n,), brought to one magnitude by `d` (n + m,).
     """
 
     matrix: np.ndarray
     size: np.ndarray
+    held: np.ndarray
     d: np.ndarray
 
     @classmethod
-    def of(cls, matrix: np.ndarray, size: np.ndarray) -> Self:
+    def of(cls, matrix: np.ndarray, size: np.ndarray, held: np.ndarray) -> Self:
         """Bring rows and columns of a symmetric matrix to one magnitude (Ruiz, RAL-TR-2001-034)."""
         sizes, d = np.abs(matrix), np.ones(len(matrix))
         for _ in range(_RUIZ):
             d /= np.sqrt(np.maximum(d * (sizes * d).max(axis=1), TINY))
-        return cls(d[:, None] * matrix * d, size, d)
+        return cls(d[:, None] * matrix * d, size, held, d)
 
     def step(self, gradient: np.ndarray, equations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the Newton step in variables (n,) and multipliers (m,), nan where there is none.
@@ -165,9 +166,10 @@ class System:
         if (
             self.deficient
         ):  # what rounding leaves of equations that say the same is no contradiction
-            n, ulps = self.size.size, _CONTRADICTS * np.finfo(float).eps
-            rounding = ulps * np.abs(self.matrix[:, :n] / self.d[:n]).sum(axis=1)
-            allowed = np.maximum(allowed, rounding)
+            # in one row, along an open direction, is left what all rows have of it
+            ulps, left = _CONTRADICTS * np.finfo(float).eps, np.abs(self._left_open)
+            rounding = np.abs(self.matrix) @ self._sizes
+            allowed = np.maximum(allowed, ulps * (rounding + left @ (left.T @ rounding)))
         return (
             found
             if (np.abs(self.matrix @ found - given) <= allowed).all()
@@ -209,23 +211,33 @@ class System:
         n = self.size.size
         if self._regular is not None:
             return np.zeros(len(rows), dtype=bool)
-        directions = (self.d[:, None] * self._spectrum[1])[:, self._inverted == 0.0]
+        directions = self.d[:, None] * self._left_open
         directions = directions / np.maximum(np.abs(directions).max(axis=0, initial=0.0), TINY)
         moved = np.abs(rows * self.size @ directions[:n])
         return np.array(
             (moved > _MOVES * np.abs(rows * self.size).max(axis=1)[:, None]).any(axis=1)
         )
 
-    def rounding(self, rows: np.ndarray, held: np.ndarray) -> np.ndarray:
+    @property
+    def _left_open(self) -> np.ndarray:
+        """Directions (n + m, k) that the conditions leave open, as the matrix takes them."""
+        found: np.ndarray = self._spectrum[1][:, self._inverted == 0.0]
+        return found
+
+    @property
+    def _sizes(self) -> np.ndarray:
+        """Magnitudes (n + m,) of the unknowns as the matrix takes them."""
+        return np.concatenate([np.ones(self.size.size), np.abs(self.held)]) / self.d
+
+    def rounding(self, rows: np.ndarray) -> np.ndarray:
         """Return how far rounding may move linear functions `rows` (k, n) of the variables: (k,).
 
         Every entry of a condition is off by some units in its last place, independently of the
         others.
         """
-        n, count = self.size.size, len(rows)
-        sizes = np.concatenate([np.ones(n), np.abs(held)]) / self.d
+        count, sizes = len(rows), self._sizes
         off = ULPS * np.sqrt((self.matrix * sizes) ** 2 @ np.ones(sizes.size))
-        asked = np.hstack([rows * self.size, np.zeros((count, held.size))]) * self.d
+        asked = np.hstack([rows * self.size, np.zeros((count, self.held.size))]) * self.d
         found: np.ndarray = np.sqrt((self._inverse(asked) * off) ** 2 @ np.ones(off.size))
         return found
 

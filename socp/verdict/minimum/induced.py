@@ -87,6 +87,16 @@ class Induced:
         return replace(self, hessian=self.lift.T @ H @ self.lift)
 
     @cached_property
+    def worth(self) -> float:
+        """What variables, changed by their magnitudes, change the objective by at most.
+
+        Of this an objective is rounded: a curvature that is less changes it by nothing, as where a
+        motion may as well begin later.
+        """
+        gradient = self.conditions.linearised(self.at).gradient
+        return float(np.abs(gradient * self.conditions.size).max())
+
+    @cached_property
     def regular(self) -> bool:
         """Whether the conditions at the ends are independent, so that multipliers are unique."""
         values = np.linalg.svd(self.rows, compute_uv=False)
@@ -114,7 +124,8 @@ class Induced:
         reduced = kernel.T @ self.hessian @ kernel
         values, vectors = np.linalg.eigh(0.5 * (reduced + reduced.T))
         rounding = np.abs(kernel).T @ self.rounding @ np.abs(kernel)
-        return values, kernel @ vectors, _MOTION * float(np.linalg.norm(rounding, 2))
+        most = float(np.linalg.norm(rounding, 2)) + self.worth
+        return values, kernel @ vectors, _MOTION * most
 
 
 @final
