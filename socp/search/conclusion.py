@@ -198,10 +198,7 @@ def pursue(
 
 def explanation(problem: Problem, search: Search) -> str:
     """Say in a clause or two what a search without a certified word has left open."""
-    cut = [each for each in search.nodes if each.stop == Stop.LIMIT.name]
-    tried = f"no word of the {search.count - len(cut)} tried is certified"
-    if cut:
-        tried += f", {len({each.word for each in cut})} more cut off before they converged"
+    tried = _tried(search)
     if search.late:
         tried += f", and the search's part of the {search.seconds:g} s allowed is over"
     elif search.backend.left <= 0:
@@ -230,6 +227,19 @@ def explanation(problem: Problem, search: Search) -> str:
             "no finer grid does either"
         )
     return f"{tried}; the best one leaves: {reasons[0] if reasons else 'nothing'}"
+
+
+def _tried(search: Search) -> str:
+    """Say what came of the words that were tried."""
+    cut = [each for each in search.nodes if each.stop == Stop.LIMIT.name]
+    ended, short = search.count - len(cut), len({each.word for each in cut})
+    if ended > 0:
+        more = f", {short} more cut off before they converged" if cut else ""
+        return f"no word of the {ended} tried is certified{more}"
+    if not cut:
+        return "no word was tried"
+    which = "the one word tried was" if short == 1 else f"all {short} words tried were"
+    return f"{which} cut off before converging"
 
 
 def _few_slopes(problem: Problem) -> str:

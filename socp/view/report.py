@@ -152,7 +152,8 @@ def judgement(verdict: "Verdict | None") -> str:
     if not verdict.feasible:
         return "not feasible"
     if verdict.approximate and verdict.grade is not None:
-        return f"approximately extremal, objective within {verdict.grade.error:.0e}"
+        near = f"objective within {verdict.grade.error:.0e} of the nearby extremal's"
+        return f"approximately extremal, {near}"
     return "extremal" if verdict.extremal else "feasible, not extremal"
 
 
@@ -346,9 +347,10 @@ def _judged(verdict: "Verdict", told: int) -> Iterator[Line]:
 def _graded(verdict: "Verdict", grade: "Grade") -> Line:
     """Return how near a solution is to an extremal."""
     allowed = f"(allowed {APPROXIMATE * grade.size:.1e})"
-    margin = f"objective within {grade.error:.1e} {allowed}"
+    # of other extremals, which may be better, a grade knows nothing
+    margin = f"objective within {grade.error:.1e} of the nearby extremal's {allowed}"
     if not verdict.approximate:
-        margin = f"objective off by up to {grade.error:.1e} {allowed}"
+        margin = f"objective up to {grade.error:.1e} off the nearby extremal's {allowed}"
     if not grade.curved:
         margin += f", Legendre-Clebsch condition {grade.curvature:.1e}"
     return _answer(verdict.approximate, "approximately extremal", margin)

@@ -68,6 +68,7 @@ def test_a_command_says_what_why_and_what_next(
     ("verdict", "seconds", "following"),
     [
         (Verdict(miss=1e-9, chattering=("u",)), 5.0, "--max-switches 12"),
+        (Verdict(miss=1e-9, chattering=("u",)), 58.0, "--seconds 240"),
         (Verdict(miss=1e-9), 58.0, "--seconds 240"),
         (Verdict(miss=0.5, miss_at="end condition x"), 5.0, "-o steps=400"),
         (Verdict(miss=1e-9), 5.0, "-m mboc -o switches="),
@@ -83,6 +84,11 @@ def test_what_was_found_decides_what_is_next(
     assert words[:3] == ["socp", "solve", "rest.py"]
     taken: dict[str, Any] = solve.make_context("solve", words[2:]).params  # it can be pasted
     assert taken["problem"] == "rest.py"
+
+
+def test_a_grid_proves_no_chattering(rough: Solution) -> None:
+    why = advice(by_auto(rough, Verdict(miss=1e-9, chattering=("u", "w"))), ["a.py"], "a.json")[1]
+    assert why == "why:  u, w: chattering, as far as a grid shows it, which no finite word ends"
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from socp import (
     states,
 )
 from socp.model.result.arc import Arc
-from socp.model.result.findings import Condition, Feasibility, Finding, Place, Verdict
+from socp.model.result.findings import Condition, Feasibility, Finding, Node, Place, Verdict
 from socp.model.result.solution import Stop
 from socp.model.symbols import final_time
 from socp.model.word import Mode
@@ -450,13 +450,23 @@ def test_a_search_that_fails_names_the_worst_that_is_left() -> None:
 def test_what_was_late_says_so() -> None:
     text = explanation(problem, Search(late=True, seconds=60.0))
     late = "and the search's part of the 60 s allowed is over"
-    assert text == f"no word of the 0 tried is certified, {late}"
+    assert text == f"no word was tried, {late}"
+
+
+def test_words_that_were_cut_off_are_not_called_tried_in_vain() -> None:
+    cut = [Node(word=word, stop=Stop.LIMIT.name) for word in ("u: +", "u: + -", "u: +")]
+    shown = "all 2 words tried were cut off before converging"
+    assert explanation(problem, Search(count=3, nodes=cut)) == shown
+    ended = "no word of the 4 tried is certified, 2 more cut off before they converged"
+    assert explanation(problem, Search(count=7, nodes=cut)) == ended
+    alone = "the one word tried was cut off before converging"
+    assert explanation(problem, Search(count=1, nodes=cut[:1])) == alone
 
 
 def test_what_ended_a_search_is_told_as_it_is() -> None:
     worked = Search(backend=Ration(left=0.0))
     with time_limit(0.0):  # what concludes has no time left; the search had
-        assert explanation(problem, Search()) == "no word of the 0 tried is certified"
+        assert explanation(problem, Search()) == "no word was tried"
         assert explanation(problem, worked).endswith(
             ", and the work allowed for the search is done"
         )

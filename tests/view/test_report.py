@@ -136,16 +136,23 @@ def test_the_three_renderers_tell_the_same_facts(
 @pytest.mark.parametrize(
     ("grade", "told"),
     [
-        (graded(2.34e-4), "approximately extremal: objective within 2.3e-04 (allowed 1.0e-03)"),
+        (
+            graded(2.34e-4),
+            "approximately extremal: objective within 2.3e-04 of the nearby extremal's "
+            "(allowed 1.0e-03)",
+        ),
         (
             graded(0.2),
-            "not approximately extremal: objective off by up to 2.0e-01 (allowed 1.0e-03)",
+            (
+                "not approximately extremal: objective up to 2.0e-01 off the nearby extremal's "
+                "(allowed 1.0e-03)"
+            ),
         ),
         (
             graded(2.34e-4, curvature=-0.5),
             (
-                "not approximately extremal: objective off by up to 2.3e-04 (allowed 1.0e-03), "
-                "Legendre-Clebsch condition -5.0e-01"
+                "not approximately extremal: objective up to 2.3e-04 off the nearby extremal's "
+                "(allowed 1.0e-03), Legendre-Clebsch condition -5.0e-01"
             ),
         ),
     ],
@@ -153,7 +160,7 @@ def test_the_three_renderers_tell_the_same_facts(
 def test_a_verdict_tells_its_grade(grade: Grade, told: str) -> None:
     verdict = Verdict(miss=1e-4, grade=grade)
     assert told in verdict_rows(verdict)[0].texts
-    near_one = "approximately extremal, objective within 2e-04"
+    near_one = "approximately extremal, objective within 2e-04 of the nearby extremal's"
     assert (judgement(verdict) == near_one) == verdict.approximate
     stated = stated_error(verdict)
     assert stated == 2.34e-4 if verdict.approximate else math.isnan(stated)

@@ -50,10 +50,19 @@ def _why(solution: "Solution") -> str:
     if verdict is None or not (verdict.reasons or verdict.notes):
         return solution.message or solution.stop.value
     if verdict.feasible and verdict.chattering:
-        return f"{', '.join(verdict.chattering)}: chattering, which no finite word ends"
+        return _told(solution) + _chatter(solution, ", ".join(verdict.chattering))
     if not solution.stop.ok:
         return f"{solution.stop.value}; {(*verdict.reasons, *verdict.notes)[0]}"
     return _told(solution) + (*verdict.reasons, *verdict.notes)[0]
+
+
+def _chatter(solution: "Solution", names: str) -> str:
+    """Say that controls (names) chatter; where their switches are those of a grid, what it shows is
+    no proof.
+    """
+    if solution.lawful:
+        return f"{names}: chattering, which no finite word ends"
+    return f"{names}: chattering, as far as a grid shows it, which no finite word ends"
 
 
 def _told(solution: "Solution") -> str:
@@ -85,7 +94,10 @@ def _next(solution: "Solution", result: str) -> list[str]:
     if solution.method != DEFAULT_METHOD:
         on = ["--guess", result] if feasible else []
         return _wider(solution) if solution.method == _WORDS else on
-    if feasible and verdict and verdict.chattering and given["max_switches"]:
+    chatters = verdict is not None and verdict.chattering
+    # what a grid shows before a search has come to its words may be no more than ringing
+    known = solution.lawful or not _spent(solution)
+    if feasible and chatters and known and given["max_switches"]:
         return ["--max-switches", str(_SWITCHES * given["max_switches"])]
     if _spent(solution):
         # along a word the search goes on where it ended
