@@ -138,8 +138,10 @@ def test_the_three_renderers_tell_the_same_facts(
     [
         (
             graded(2.34e-4),
-            "approximately extremal: objective within 2.3e-04 of the nearby extremal's "
-            "(allowed 1.0e-03)",
+            (
+                "approximately extremal: objective within 2.3e-04 of the nearby extremal's "
+                "(allowed 1.0e-03)"
+            ),
         ),
         (
             graded(0.2),
