@@ -227,7 +227,8 @@ class System:
     @property
     def _sizes(self) -> np.ndarray:
         """Magnitudes (n + m,) of the unknowns as the matrix takes them."""
-        return np.concatenate([np.ones(self.size.size), np.abs(self.held)]) / self.d
+        found: np.ndarray = np.concatenate([np.ones(self.size.size), np.abs(self.held)]) / self.d
+        return found
 
     def rounding(self, rows: np.ndarray) -> np.ndarray:
         """Return how far rounding may move linear functions `rows` (k, n) of the variables: (k,).
