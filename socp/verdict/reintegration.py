@@ -31,7 +31,7 @@ from socp.model import (
 )
 from socp.verdict.motion import FINE, RTOL, Log, magnitude_along, travel
 from socp.verdict.simulation.pieces import Piece, piece_of_law, pieces_in_time
-from socp.verdict.structure import constraints_function
+from socp.verdict.structure import constraint_curvature, constraints_function
 
 # Solutions of a problem whose motions are kept: a search goes to and fro between two at most
 _KEPT = 4
@@ -77,19 +77,33 @@ def path_miss(
     motion: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> tuple[float, str]:
     """Return the worst relative violation of the state constraints at the points of a motion, and
-    which it is.
+    which it is: the share of their magnitudes that states have to change by there, to second order.
+
+    By its slopes at their largest along the way alone, a constraint that keeps off a small obstacle
+    would be hardly violated in the midst of it.
     """
     if not problem.constraints:
         return 0.0, ""
     t, x, _ = motion
     values, slopes = evaluate(constraints_function(problem), x, t, p)
-    # a constraint's magnitude is how much it changes when every state changes by its own, at worst
-    # along the way
-    sizes = np.abs(slopes.reshape(len(values), t.size, -1)) @ scale
-    largest = sizes.max(axis=1)
+    # a constraint's magnitude is how much it changes when every state changes by its own
+    magnitudes = np.abs(slopes.reshape(len(values), t.size, -1)) @ scale
+    largest = magnitudes.max(axis=1)
     relative = values.max(axis=1) / np.where(largest > 0, largest, 1.0)
+    for k in np.flatnonzero((relative > 0) & (magnitudes.min(axis=1) < largest)):
+        at = np.flatnonzero(values[k] > 0)
+        curves = evaluate(constraint_curvature(problem, int(k)), x[:, at], t[at], p)[0]
+        bent = 0.5 * np.abs(curves.reshape(-1, at.size, scale.size) @ scale).T @ scale
+        relative[k] = max(relative[k], _share(values[k, at], magnitudes[k, at], bent).max())
     worst = int(np.argmax(relative))
     return max(float(relative[worst]), 0.0), problem.constraints[worst].name
+
+
+def _share(value: np.ndarray, slope: np.ndarray, curve: np.ndarray) -> np.ndarray:
+    """Return the shares m > 0 (n,) at which slope m + curve m^2 is a value > 0, 0 where none is."""
+    terms = slope + np.sqrt(slope**2 + 4.0 * curve * value)
+    found: np.ndarray = np.divide(2.0 * value, terms, out=np.zeros(value.size), where=terms > 0)
+    return found
 
 
 def objective_of(

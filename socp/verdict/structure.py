@@ -102,6 +102,16 @@ def constraints_function(problem: Problem) -> casadi.Function:
     return casadi.Function("c", given, [stack, casadi.densify(casadi.jacobian(stack, problem.x))])
 
 
+@of_motion
+@once
+def constraint_curvature(problem: Problem, k: int) -> casadi.Function:
+    """Return the second derivatives (nx, nx) of a state constraint, by its number, in the states as
+    a function of x, t, p.
+    """
+    bent = casadi.hessian(problem.constraints[k].expression, problem.x)[0]
+    return casadi.Function("cxx", [problem.x, time, problem.p], [casadi.densify(bent)])
+
+
 @once
 def nearness(solution: Solution, problem: Problem) -> np.ndarray:
     """Return how near to zero every state constraint counts as active on a solution (nc,).
