@@ -27,7 +27,7 @@ from socp.model import (
 )
 from socp.process import overtime, seconds_left, time_limit
 from socp.search.effort import ALIKE, FAR, Ration, Search, clearly, off, precedes
-from socp.search.motions import held_solution, own_motion, stated_error
+from socp.search.motions import held_solution, leaves_box, own_motion, stated_error
 from socp.search.refinement import refine
 from socp.solvers import Backend, default_backend
 from socp.transcription import Mesh, euler, knotted, single_phase, trapezoid
@@ -268,7 +268,8 @@ def _best(finer: "_Finer", directs: Sequence[Solution], word: Solution | None) -
     ]
     if not worth:
         return judge(problem, min(directs, key=lambda each: each.objective)) if directs else None
-    worth.sort(key=lambda each: -each.arcs[0].t.size)  # coarse ones miss most of what they claim
+    # coarse ones miss most of what they claim; what leaves its box is known once it is held
+    worth.sort(key=lambda each: (leaves_box(problem, each), -each.arcs[0].t.size))
     with overtime(_OWN):
         first = own_motion(problem, worth[0])
     with time_limit(seconds_left() / 2.0):

@@ -17,13 +17,14 @@ from socp.model import (
     Solution,
     Stop,
     Watch,
+    on_intervals,
     once,
     silent,
 )
 from socp.process import in_time, seconds_left
 from socp.solvers import Backend
 from socp.transcription import Mesh, equidistributed, knotted, radau_iia, single_phase
-from socp.verdict import error_shares, judge, moved, verify, verify_in_time
+from socp.verdict import box_miss, error_shares, judge, moved, verify, verify_in_time
 
 # Intervals with held controls, and points on each: what is lost goes with an interval's square, and
 # the motion is integrated to the digits of what it is compared with; where it is not, as it is
@@ -41,6 +42,8 @@ _MOST = 400  # intervals: where so many do not do, no grid does that is solved i
 _SHARP = 1e-10
 _TOLERANCE = 1e-7  # a direct solution is compared by its re-integration
 _ITERATIONS = 150  # from a solution nearby it takes some ten
+# Of an interval: where a polynomial control is looked at, its ends among them
+_SHARES = np.linspace(0.0, 1.0, 9)
 # With a barrier from the beginning, where the controls of a solution in hand are not to be trusted:
 # they have left the box, or ring
 _FAR = 500
@@ -173,6 +176,17 @@ def _own(direct: Solution, problem: Problem) -> Solution:
     found = found.with_judgement(verified=verify(problem, found))
     in_time("its own motion")
     return found
+
+
+def leaves_box(problem: Problem, direct: Solution) -> bool:
+    """Tell whether the control of a direct solution leaves its box between the nodes, by more than
+    is feasible, without a look at where it leads.
+    """
+    edges = np.concatenate([arc.t[arc.mesh[:-1]] for arc in direct.arcs])
+    lengths = np.concatenate([np.diff(arc.t[arc.mesh]) for arc in direct.arcs])
+    t = (edges[:, None] + lengths[:, None] * _SHARES).ravel()
+    interval = np.repeat(np.arange(edges.size), _SHARES.size)
+    return box_miss(on_intervals(direct.arcs, "u", t, interval), problem.box) > FEASIBLE
 
 
 def _held(arc: Arc) -> Arc:

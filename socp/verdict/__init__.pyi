@@ -14,6 +14,7 @@ from .minimum.order import second_order as second_order
 from .minimum.order import with_second_order as with_second_order
 from .newton import Conditions as Conditions
 from .newton import settled as settled
+from .reintegration import box_miss as box_miss
 from .reintegration import moved as moved
 from .reintegration import verify as verify
 from .reintegration import verify_in_time as verify_in_time

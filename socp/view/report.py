@@ -353,6 +353,8 @@ def _graded(verdict: "Verdict", grade: "Grade") -> Line:
         margin = f"objective up to {grade.error:.1e} off the nearby extremal's {allowed}"
     if not grade.curved:
         margin += f", Legendre-Clebsch condition {grade.curvature:.1e}"
+    if verdict.drift > FEASIBLE:
+        margin += f", states off by {verdict.drift:.1e} (allowed {FEASIBLE:.0e})"
     return _answer(verdict.approximate, "approximately extremal", margin)
 
 

@@ -26,7 +26,7 @@ from socp.model import Word
 from socp.process import time_limit
 from socp.search import Search, conclude, conclusion, with_agreement
 from socp.search.budget import lead
-from socp.search.motions import adapted, held_solution, own_motion, stated_error
+from socp.search.motions import adapted, held_solution, leaves_box, own_motion, stated_error
 from socp.transcription import equidistributed, euler, radau_iia
 from socp.verdict import certified, error_shares, judge, verify
 
@@ -101,6 +101,29 @@ def test_a_control_that_leaves_its_box_between_nodes_is_held_inside() -> None:
     assert seen.off < 0.02
     true = 0.5 + 2 * np.sqrt(1 + 0.5**2 / 2)
     assert found.objective == pytest.approx(true, rel=1e-2)
+
+
+def test_where_no_motion_is_followed_in_time_a_control_inside_its_box_goes_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A line through two nodes leaves the box where it switches within an interval; a held control
+    does not.
+    """
+    outside, inside = direct(RETURN, radau_iia(2), 75), direct(RETURN, euler(), 100)
+    assert leaves_box(RETURN, outside)
+    assert outside.arcs[0].t.size > inside.arcs[0].t.size
+    assert verify(RETURN, outside)[0].box > 0.01
+    assert not leaves_box(RETURN, inside)
+
+    def untold(_: Problem, grid: Solution) -> Solution:
+        return grid
+
+    monkeypatch.setattr(conclusion, "own_motion", untold)  # as where the time ends first
+    with time_limit(0.0):
+        found = conclude(RETURN, Search(), [outside, inside])
+    assert found.arcs[0].t is inside.arcs[0].t
+    assert found.verdict is not None
+    assert found.verdict.feasible
 
 
 def test_nothing_more_is_solved_once_the_time_is_over(monkeypatch: pytest.MonkeyPatch) -> None:

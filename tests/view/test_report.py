@@ -168,6 +168,15 @@ def test_a_verdict_tells_its_grade(grade: Grade, told: str) -> None:
     assert stated == 2.34e-4 if verdict.approximate else math.isnan(stated)
 
 
+def test_a_grade_that_would_do_tells_what_else_does_not() -> None:
+    verdict = Verdict(miss=1e-4, drift=5.2e-2, grade=graded(2.34e-4))
+    assert not verdict.approximate
+    told = verdict_rows(verdict)[0].texts
+    assert any(
+        each.endswith("(allowed 1.0e-03), states off by 5.2e-02 (allowed 1e-02)") for each in told
+    )
+
+
 def test_an_infeasible_point_has_no_objective_no_word_and_no_reference(
     problem: Problem, rough: Solution
 ) -> None:
