@@ -219,23 +219,6 @@ class Sweep:
             np.matmul(later[k], self.along[k, :, :, :ny], out=later[k - 1])
         return later[:, :, 0].swapaxes(0, 1)
 
-    def between(self, held: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return y and its multipliers (ny, n s) at nodes (s,) between 0 and 1 of every interval,
-        one interval after the other: one step from the last before it, and back from the next.
-        """
-        motion, (n, steps, ny) = self.walk.motion, self.before.shape
-        last = np.minimum((nodes * steps).astype(int), steps - 1)
-        step = self.each.reshape(n, steps)[:, last]
-        way = (step * (nodes * steps - last)).reshape(1, -1)
-        y = self.before[:, last].reshape(-1, ny).T
-        at = motion.through(y[:-2], y[-1], way, self.p[:, 0])[1]
-        at[-2] += y[-2]
-        rest = step.reshape(-1, 1) - way.T
-        u = np.tile(motion.u, (len(rest), 1))
-        stages = Stages.of(motion.flow.steps, at.T, rest, self.p[:, 0], u)
-        later = self.returned(held)[:, last].reshape(-1, ny)
-        return at, stages.returned(later)[0].T
-
     def bent(self, held: np.ndarray, stride: int = 1) -> np.ndarray:
         """Return what the function of that name does for this alone."""
         return bent([self], [held], stride)[0]

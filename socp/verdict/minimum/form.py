@@ -100,7 +100,7 @@ class Form:
         p = parameters_of(self.problem, self.shooting.solution)
         points, found = np.concatenate([[0.0], spread(*_PIECES), spread(*_WHOLE), [1.0]]), []
         for k, (each, places) in enumerate(zip(self.quadratics, self.places, strict=True)):
-            at = each.at(reference(self.known, k, points), p, places) if places else {}
+            at = each.at(reference(self.known, k, each, points), p, places) if places else {}
             found.append({name: e.reshape(-1, points.size, *e.shape[1:]) for name, e in at.items()})
         return found
 

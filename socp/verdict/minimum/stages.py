@@ -89,3 +89,23 @@ def _taken(count: int, at: np.ndarray, measure: np.ndarray) -> np.ndarray:
     roots = np.sqrt(measure[:, None] / weights)
     basis, wanted = (np.vander(each, count, increasing=True) for each in (nodes, at))
     return np.array(roots * np.linalg.solve(basis.T, wanted.T).T)
+
+
+@cache
+def hermite(steps: int, nodes: tuple[float, ...], among: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the weights (k, s + 1) of values at the ends of s equal steps of [0, 1] and of slopes
+    there, by the step, in values at k nodes: of the polynomials that have both at those `among` the
+    ends that are next to a node.
+    """
+    at, own = steps * np.array(nodes), np.arange(among)
+    first = np.clip(np.rint(at - 0.5 * (among - 1)).astype(int), 0, steps + 1 - among)
+    away = (at - first)[:, None] - own
+    apart = own[:, None] - own + np.eye(among)
+    others = np.where(np.eye(among, dtype=bool), 1.0, away[:, None, :])
+    basis = (others / apart).prod(axis=2)
+    slopes = (1.0 / apart).sum(axis=1) - 1.0
+    values, turns = np.zeros((2, len(nodes), steps + 1))
+    places = np.arange(len(nodes))[:, None], first[:, None] + own
+    values[places] = (1.0 - 2.0 * slopes * away) * basis**2
+    turns[places] = away * basis**2
+    return values, turns

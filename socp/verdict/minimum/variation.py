@@ -25,6 +25,10 @@ import numpy as np
 from socp.model import Problem, numbers, of_motion, parameters_of, time
 from socp.transcription import Phase, Shooting, once_along
 from socp.verdict.minimum.induced import Induced
+from socp.verdict.minimum.stages import hermite
+
+# Ends of steps that the extremal between them is taken from, with its slopes there: to order 10
+_AROUND = 5
 
 
 @final
@@ -36,22 +40,6 @@ class Reference:
     x: np.ndarray
     u: np.ndarray
     costate: np.ndarray
-
-
-def reference(known: Induced, k: int, nodes: np.ndarray) -> Reference:
-    """Return the extremal at nodes (s,) between 0 and 1 of every interval of phase k, one interval
-    after the other.
-
-    The costate is that of the induced problem: the multiplier of the interval's end, carried back
-    by the slopes of the motion. Both begin where the steps do that the word's conditions take.
-    """
-    shooting = known.conditions.shooting
-    problem, nx = shooting.phased.of, shooting.phased.of.x.numel()
-    sweep = known.conditions.linearised(known.at).sweeps[k]
-    y, multipliers = sweep.between(known.held[shooting.blocks[k].equations].T, nodes)
-    given = y[:nx], y[nx:-2], y[-1], parameters_of(problem, shooting.solution)
-    (u,) = numbers(shooting.motions[k].control, *given)
-    return Reference(y[-1], y[:nx], u, multipliers[:nx])
 
 
 NAMES = ("A", "Q", "B", "B1", "M", "R", "N", "NB")
@@ -82,6 +70,15 @@ class Quadratic:
             found[name] = at[:, :, which] if name in {"B", "B1", "R", "NB"} else at
         return found
 
+    def rates(self, along: Reference, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rates of the states and of the costate, (nx, n) each: what H by the costate
+        and by the states is, which A and Q have by r.
+        """
+        given = along.x, along.u, along.costate, along.t[None, :], p
+        A, Q, *_ = numbers(self._function, *given)
+        (nx, n), ny = along.x.shape, len(A)
+        return A[:nx, nx + 1 :: ny], -Q[nx + 1].reshape(n, ny)[:, :nx].T
+
     @cached_property
     def _function(self) -> casadi.Function:
         problem, r = self.problem, casadi.SX.sym("r")
@@ -106,6 +103,52 @@ class Quadratic:
         found = [A, Q, B, B1, M, R, N, N @ B]
         given = [problem.x, problem.u, problem.costate, time, problem.p]
         return casadi.Function("quadratic", given, [casadi.densify(each) for each in found])
+
+
+def reference(known: Induced, k: int, of: Quadratic, nodes: np.ndarray) -> Reference:
+    """Return the extremal at nodes (s,) between 0 and 1 of every interval of phase k, one interval
+    after the other: the polynomials through the ends of the steps next to them, by what is known
+    there and the rates `of` the phase.
+
+    The costate is that of the induced problem: the multiplier of the interval's end, carried back
+    by the slopes of the motion. How a law moves its singular control adds nothing to its rate:
+    along an extremal the Hamiltonian does not depend on that control.
+    """
+    shooting = known.conditions.shooting
+    control, p = shooting.motions[k].control, parameters_of(of.problem, shooting.solution)
+    t, h, z, costate = _step_ends(known, k)
+    nz, nx = z.shape[2], costate.shape[2]
+
+    def at(t: np.ndarray, z: np.ndarray, costate: np.ndarray) -> Reference:
+        z, costate = (each.reshape(t.size, -1).T for each in (z, costate))
+        (u,) = numbers(control, z[:nx], z[nx:], t.reshape(1, -1), p)
+        return Reference(t.ravel(), z[:nx], u, costate)
+
+    rates, turns = (each.T.reshape(costate.shape) for each in of.rates(at(t, z, costate), p))
+    values, slopes = hermite(t.shape[1] - 1, tuple(nodes), _AROUND)
+    found = values @ np.concatenate([z, costate], axis=2)
+    # what is carried along are costates
+    found += h * (slopes @ np.concatenate([rates, turns[:, :, : nz - nx], turns], axis=2))
+    return at(t[:, :1] + (t.shape[1] - 1) * h[:, 0] * nodes, found[:, :, :nz], found[:, :, nz:])
+
+
+def _step_ends(known: Induced, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return where the steps of the n intervals of phase k begin and end: times (n, s + 1), lengths
+    of the steps (n, 1, 1), states with what is carried (n, s + 1, nz) and costates (n, s + 1, nx).
+    """
+    shooting = known.conditions.shooting
+    sweep = known.conditions.linearised(known.at).sweeps[k]
+    (n, steps, _), lengths = sweep.before.shape, sweep.each.reshape(len(sweep.before), -1)
+    if steps < _AROUND - 1:
+        steps, first = _AROUND - 1, sweep.before[:, 0]
+        given = [first[:, :-2].T, first[:, -1:].T, lengths.sum(axis=1)[None], sweep.p]
+        sweep = shooting.motions[k].sweep(given, steps)
+    h = sweep.each.reshape(n, steps)[:, :1]
+    z = np.concatenate([sweep.before[:, :, :-2], sweep.ends[:, None, :-1]], axis=1)
+    later = sweep.returned(known.held[shooting.blocks[k].equations].T)
+    costate = np.concatenate([later[:, :1] @ sweep.across[:, 0], later], axis=1)
+    t = sweep.before[:, 0, -1:] + h * np.arange(steps + 1)
+    return t, h[:, :, None], z, costate[:, :, : shooting.phased.of.x.numel()]
 
 
 @of_motion
