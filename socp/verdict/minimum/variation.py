@@ -42,9 +42,6 @@ class Reference:
     costate: np.ndarray
 
 
-NAMES = ("A", "Q", "B", "B1", "M", "R", "N", "NB")
-
-
 @final
 @dataclass(frozen=True, eq=False)
 class Quadratic:
@@ -58,51 +55,55 @@ class Quadratic:
 
     def at(self, along: Reference, p: np.ndarray, places: tuple[int, ...]) -> dict[str, np.ndarray]:
         """Return the coefficients by name, each (n, rows, columns), for singular controls at
-        `places`.
+        `places`: the Hessian of r H by y, v and costate holds A, B, Q and N.
         """
+        found, (nx, n), m = self._values(along, p), along.x.shape, len(self.free)
+        size = len(found) - m + 1
+        ny, r = size - m - nx, nx + 1
+        own, rows = (np.delete(np.arange(count), r) for count in (size, size + m))
+        bent = np.zeros((n, size + m, size))
+        bent[:, rows[:, None], own] = found[:, :, 1:].swapaxes(0, 1)
+        bent[:, rows, r] = found[:, :, 0].T
+        bent[:, r, own] = bent[:, own, r]
         which = [self.free.index(place) for place in places]
-        count, found = along.t.size, dict[str, np.ndarray]()
-        given = along.x, along.u, along.costate, along.t[None, :], p
-        for name, each in zip(NAMES, numbers(self._function, *given), strict=True):
-            columns = self._function.size2_out(NAMES.index(name))
-            at = each.reshape(len(each), count, columns).transpose(1, 0, 2)
-            at = at[:, which] if name in {"M", "R", "N", "NB"} else at
-            found[name] = at[:, :, which] if name in {"B", "B1", "R", "NB"} else at
-        return found
+        at, turned = (start + np.array(which, dtype=int) for start in (ny, size))
+        A, (B, B_) = np.zeros((n, ny, ny)), np.zeros((2, n, ny, len(places)))
+        A[:, :nx], A[:, nx, r] = bent[:, size - nx : size, :ny], 1.0
+        B[:, :nx], B_[:, :nx] = (bent[:, each, size - nx :].swapaxes(1, 2) for each in (at, turned))
+        Q, N, N_ = (bent[:, each, :ny] for each in (slice(ny), at, turned))
+        B1 = A @ B - B_
+        M = B.swapaxes(1, 2) @ Q - N_ - N @ A
+        R = M @ B - (N @ B1).swapaxes(1, 2)
+        return {"A": A, "Q": Q, "B": B, "B1": B1, "M": M, "R": R, "N": N, "NB": N @ B}
 
     def rates(self, along: Reference, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rates of the states and of the costate, (nx, n) each: what H by the costate
-        and by the states is, which A and Q have by r.
-        """
+        """Return the rates of the states and of the costate, (nx, n) each."""
+        slopes, nx, m = self._values(along, p)[:, :, 0], len(along.x), len(self.free)
+        return slopes[len(slopes) - m - nx : len(slopes) - m], -slopes[:nx]
+
+    def _values(self, along: Reference, p: np.ndarray) -> np.ndarray:
+        """Return what the function is (rows, n, columns) at n points."""
         given = along.x, along.u, along.costate, along.t[None, :], p
-        A, Q, *_ = numbers(self._function, *given)
-        (nx, n), ny = along.x.shape, len(A)
-        return A[:nx, nx + 1 :: ny], -Q[nx + 1].reshape(n, ny)[:, :nx].T
+        (found,) = numbers(self._function, *given)
+        return found.reshape(len(found), along.t.size, -1)
 
     @cached_property
     def _function(self) -> casadi.Function:
-        problem, r = self.problem, casadi.SX.sym("r")
-        rate, running = self.phase.flow(problem)
+        """Slopes (k, 1) and Hessian (k, k) of H by x, t, p, v and costate, side by side, and below
+        them how the rows of v turn along the extremal, as functions of x, u, costate, t, p.
+        """
+        problem, free = self.problem, self.phase.free
+        (rate, running), nx = self.phase.flow(problem), problem.x.numel()
         H = running + casadi.dot(problem.costate, rate)
-        y, nx = casadi.vertcat(problem.x, time, r, problem.p), problem.x.numel()
-        ny, both = y.numel(), casadi.vertcat(y, self.phase.free)
-        slopes, by = casadi.jacobian(rate, both), casadi.gradient(H, both)
-        bent = casadi.jacobian(by, both, {"symmetric": True})
-        # at r = 1 the slopes of r times the rate and r H by r are these themselves
-        slopes = casadi.vertcat(slopes, casadi.SX(ny - nx, both.numel()))
-        slopes[:, nx + 1] = casadi.vertcat(rate, 1, casadi.SX(ny - nx - 1, 1))
-        bent[nx + 1, :], bent[:, nx + 1] = by.T, by
-        A, B, Q, N = slopes[:, :ny], slopes[:, ny:], bent[:ny, :ny], bent[ny:, :ny]
+        every = casadi.vertcat(problem.x, time, problem.p, free, problem.costate)
+        bent, by = casadi.hessian(H, every)
+        found, last = casadi.horzcat(by, bent), every.numel() - nx
         # along the extremal; neither depends on a control
         along = casadi.vertcat(problem.x, time, problem.costate)
-        ways = casadi.jtimes(casadi.horzcat(B, N.T), along, casadi.vertcat(rate, 1, -by[:nx]))
-        B_, N_ = casadi.horzsplit(ways, B.size2())
-        B1 = A @ B - B_
-        M = B.T @ Q - N_.T - N @ A
-        R = M @ B - (N @ B1).T
-        found = [A, Q, B, B1, M, R, N, N @ B]
+        turn = casadi.vertcat(rate, 1, -by[:nx])
+        turned = casadi.jtimes(found[last - free.numel() : last, :], along, turn)
         given = [problem.x, problem.u, problem.costate, time, problem.p]
-        return casadi.Function("quadratic", given, [casadi.densify(each) for each in found])
+        return casadi.Function("quadratic", given, [casadi.vertcat(found, turned)])
 
 
 def reference(known: Induced, k: int, of: Quadratic, nodes: np.ndarray) -> Reference:
