@@ -7,7 +7,7 @@ moving it is a change of w up to higher order, and would make any form degenerat
 control's w ends and another's goes on, no term of both is left: N B is symmetric.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import final
 
@@ -21,13 +21,17 @@ from socp.verdict.minimum.variation import Quadratic, reference, singular_places
 
 _NODES = 5  # Gauss points of a piece: the motion to order 10, and w of degree 4
 HALVINGS = 2  # of every interval of the mesh
-# Parts of an interval, and Gauss points of each of them
+# Parts of an interval, and Gauss points of each of them; w has `_NODES` values on each
 _PIECES = 2**HALVINGS, _NODES
 # None of these is one of the pieces' points: they leave order 10 to the coefficients of squares of
 # w of degree 4
 _WHOLE = 1, 9
+# Those of the second variation that pieces are made of
+_INSIDE = ("A", "Q", "B1", "M", "R")
 # Of the largest entries: a value of w with none larger neither costs nor moves anything
 _IDLE = 1e-9
+# Where y ends on the pieces of a phase (n, ny, c) and what it costs (n, c, c)
+Moved = tuple[np.ndarray, np.ndarray]
 
 
 @final
@@ -36,14 +40,13 @@ class Form:
     """The quadratic form along a known extremal; columns are scaled to norm 1: times by the
     horizon, w by the width of the control's box times the horizon. First come the variables of the
     word, then the values h, then w: phase by phase, control by control. Intervals with singular
-    controls are taken by a `rule`, so many parts of so many Gauss points each; those without are as
+    controls are taken by a rule, so many parts of so many Gauss points each; those without are as
     the word's conditions take them.
     """
 
     problem: Problem
     known: Induced
     quadratics: tuple[Quadratic, ...]
-    rule: tuple[int, int] = _PIECES
 
     @property
     def shooting(self) -> Shooting:
@@ -76,21 +79,26 @@ class Form:
         parts = np.cumsum([0, *map(len, self.ends)])
         return np.split(self.base.size + np.arange(parts[-1]), parts[1:-1])
 
-    @cached_property
-    def columns(self) -> list[np.ndarray]:
-        """Of every phase the columns of its w (m, n, s), at the Gauss points of n pieces."""
-        at, found = self.base.size + sum(map(len, self.ends)), []
-        parts, nodes = self.rule
+    def _columns(self, parts: int) -> list[np.ndarray]:
+        """Return of every phase the columns of its w (m, n, s), on n pieces, so many parts of an
+        interval.
+        """
+        at, found = self._fixed, []
         for places, block in zip(self.places, self.shooting.blocks, strict=True):
-            shape = len(places), len(block.equations) * parts, nodes
+            shape = len(places), len(block.equations) * parts, _NODES
             found.append(at + np.arange(np.prod(shape, dtype=int)).reshape(shape))
             at += found[-1].size
         return found
 
+    @property
+    def _fixed(self) -> int:
+        """How many columns come before those of w."""
+        return self.base.size + sum(map(len, self.ends))
+
     @cached_property
     def free(self) -> int:
         """How many columns are those of w."""
-        return sum(each.size for each in self.columns)
+        return sum(each.size for each in self._columns(_PIECES[0]))
 
     @cached_property
     def along(self) -> list[dict[str, np.ndarray]]:
@@ -114,13 +122,12 @@ class Form:
         horizon = self.known.at[1 : 1 + len(self.quadratics)].sum()
         return np.array(np.diff(self.problem.box, axis=0)[0] * horizon)
 
-    @cached_property
-    def laid(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The form of the motion (k, k), the change of the shooting variables (n, k) and times that
-        stay (j, k).
+    def _laid(self, rule: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the form of the motion (k, k), the change of the shooting variables (n, k) and
+        times that stay (j, k).
         """
-        nx, count = self.problem.x.numel(), len(self.quadratics)
-        width = self.base.size + sum(map(len, self.ends)) + self.free
+        nx, count, columns = self.problem.x.numel(), len(self.quadratics), self._columns(rule[0])
+        width = self._fixed + sum(each.size for each in columns)
         form, changed = np.zeros((width, width)), np.zeros((self.known.at.size, width))
         inner = np.arange(1 + count + self.problem.p.numel())
         changed[inner, inner] = self.base[inner]
@@ -128,67 +135,86 @@ class Form:
         y[:nx, inner.size : self.base.size] = np.diag(self.base[inner.size :])
         y[nx, 0] = self.base[0]
         y[nx + 2 :, 1 + count : inner.size] = np.diag(self.base[1 + count : inner.size])
-        fixed = []
+        fixed, moved, stop = [], self._driven(rule) | self._swept, self._fixed
         for k, block in enumerate(self.shooting.blocks):
             y[nx + 1] = 0.0
             y[nx + 1, 1 + k] = self.base[1 + k] / self.known.at[1 + k]
             changed[block.variables[0, :nx]] = y[:nx]
-            y = self._through(k, y, form)
+            stop += columns[k].size
+            y = self._through(y, form, moved[k], columns[k], stop)
+            y = self._ended(k, y, form) if self.ends[k] else y
             changed[block.variables[-1, :nx]] = y[:nx]
             if k + 1 < count and self.places[k] != self.places[k + 1]:
                 fixed.append(y[nx] / self.base[0])
         return form, changed, np.reshape(fixed, (len(fixed), width))
 
-    def _through(self, k: int, y: np.ndarray, form: np.ndarray) -> np.ndarray:
-        """Carry changes y (ny, k) through a phase and add what it costs to the form."""
-        ends, costs = self._driven(k) if self.places[k] else self._swept(k)
-        own = self.columns[k].transpose(1, 2, 0).reshape(len(ends), -1)
-        entered, ny = np.empty((len(ends), *y.shape)), len(y)
-        for j, end in enumerate(ends):
-            entered[j] = y
-            y = end[:, :ny] @ y
-            y[:, own[j]] += end[:, ny:]
-        flat = entered.reshape(-1, len(form))
-        form += flat.T @ (costs[:, :ny, :ny] @ entered).reshape(flat.shape)
-        if not own.size:
-            return y
-        mixed = (costs[:, ny:, :ny] @ entered).reshape(own.size, len(form))
-        form[own.ravel()] += mixed
-        form[:, own.ravel()] += mixed.T
-        form[own[:, :, None], own[:, None]] += costs[:, ny:, ny:]
-        return self._ended(k, y, form) if self.ends[k] else y
-
-    def _driven(self, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return where y ends (n, ny, c) on the n pieces of a phase and what it costs (n, c, c), by
-        y where they begin and the values of w.
+    def _through(
+        self, y: np.ndarray, form: np.ndarray, moved: Moved, columns: np.ndarray, stop: int
+    ) -> np.ndarray:
+        """Carry changes y (ny, k) through a phase and add what it costs to the form; all columns
+        from `stop` on are those of w in later phases.
         """
-        (parts, nodes), count = self.rule, len(self.shooting.blocks[k].equations)
-        _, weights, matrix = gauss(nodes)
-        steps = np.repeat(self._lengths(k) / parts, parts)
-        first = 1 if self.rule == _PIECES else 1 + spread(*_PIECES).size
-        at = {
-            name: each[:, first : first + parts * nodes].reshape(
-                count * parts, nodes, *each.shape[2:]
-            )
-            for name, each in self.along[k].items()
-        }
-        roots = np.sqrt(self.base[0] / (steps[:, None] * weights))
-        size = roots[:, :, None] * self._units[list(self.places[k])]
-        return pieces(at, size, (steps, weights, matrix))
+        (ends, costs), ny = moved, len(y)
+        own = columns.transpose(1, 2, 0).reshape(len(ends), -1)
+        entered, now = np.empty((len(ends), ny, stop)), y[:, :stop]
+        for j, end in enumerate(ends):
+            entered[j] = now
+            now = end[:, :ny] @ now
+            now[:, own[j]] += end[:, ny:]
+        flat = entered.reshape(-1, stop)
+        form[:stop, :stop] += flat.T @ (costs[:, :ny, :ny] @ entered).reshape(flat.shape)
+        if own.size:
+            mixed = (costs[:, ny:, :ny] @ entered).reshape(own.size, stop)
+            form[own.ravel(), :stop] += mixed
+            form[:stop, own.ravel()] += mixed.T
+            form[own[:, :, None], own[:, None]] += costs[:, ny:, ny:]
+        y = np.zeros_like(y)
+        y[:, :stop] = now
+        return y
 
-    def _swept(self, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the same for the n intervals of a phase without singular controls, by y where they
+    def _driven(self, rule: tuple[int, int]) -> dict[int, Moved]:
+        """Return, by phase with singular controls, where y ends (n, ny, c) on its n pieces and what
+        it costs (n, c, c), by y where they begin and the values of w: worked out for all phases of
+        as many controls together.
+        """
+        (parts, nodes), found = rule, dict[int, Moved]()
+        _, weights, matrix = gauss(nodes)
+        begin = 1 if rule == _PIECES else 1 + spread(*_PIECES).size
+        for m in {len(places) for places in self.places} - {0}:
+            phases = [k for k, places in enumerate(self.places) if len(places) == m]
+            each = [np.repeat(self._lengths(k) / parts, parts) for k in phases]
+            steps, until = np.concatenate(each), np.cumsum([len(lengths) for lengths in each])[:-1]
+            at = {}
+            for name in _INSIDE:
+                whole = np.concatenate([self.along[k][name] for k in phases])
+                whole = whole[:, begin : begin + parts * nodes]
+                at[name] = whole.reshape(steps.size, nodes, *whole.shape[2:])
+            own = np.array([self._units[list(self.places[k])] for k in phases])
+            units = np.repeat(own, [len(lengths) for lengths in each], axis=0)
+            size = np.sqrt(self.base[0] / (steps[:, None] * weights))[:, :, None] * units[:, None]
+            both = pieces(at, size, lowered(_NODES, nodes), (steps, weights, matrix))
+            split = (np.split(whole, until) for whole in both)
+            found |= dict(zip(phases, zip(*split, strict=True), strict=True))
+        return found
+
+    @cached_property
+    def _swept(self) -> dict[int, Moved]:
+        """The same of the phases without singular controls, on their n intervals, by y where they
         begin: what the word's own conditions are made of tells both.
         """
-        sweep = self.known.conditions.linearised(self.known.at).sweeps[k]
-        (n, _, ny), nx, lengths = sweep.slopes.shape, self.problem.x.numel(), self._lengths(k)
-        by = np.ones((n, ny))
-        by[:, nx + 1] = lengths  # r stretches them all
-        ends = np.tile(np.eye(ny), (n, 1, 1))
-        ends[:, :nx] = sweep.slopes[:, :nx] * by[:, None]
-        ends[:, nx, nx + 1] = lengths
-        bent = sweep.bent(self.known.held[self.shooting.blocks[k].equations].T)
-        return ends, by[:, :, None] * bent * by[:, None]
+        nx, found = self.problem.x.numel(), dict[int, Moved]()
+        sweeps = self.known.conditions.linearised(self.known.at).sweeps
+        for k in (k for k, places in enumerate(self.places) if not places):
+            sweep, lengths = sweeps[k], self._lengths(k)
+            n, _, ny = sweep.slopes.shape
+            by = np.ones((n, ny))
+            by[:, nx + 1] = lengths  # r stretches them all
+            ends = np.tile(np.eye(ny), (n, 1, 1))
+            ends[:, :nx] = sweep.slopes[:, :nx] * by[:, None]
+            ends[:, nx, nx + 1] = lengths
+            bent = sweep.bent(self.known.held[self.shooting.blocks[k].equations].T)
+            found[k] = ends, by[:, :, None] * bent * by[:, None]
+        return found
 
     def _lengths(self, k: int) -> np.ndarray:
         """Return the lengths (n,) of the intervals of a phase."""
@@ -205,24 +231,34 @@ class Form:
         return np.array(y + at["B"][:, which] @ h)
 
     @cached_property
-    def kept(self) -> tuple[np.ndarray, np.ndarray]:
-        """The form (k, k) with what the ends add, and the conditions (r, k) on its columns."""
-        form, changed, fixed = self.laid
-        slopes, (_, chain), shooting = self.known.slopes, self.shooting.chain, self.shooting
-        carried = np.concatenate(
-            [each.variables[:, self.problem.x.numel() :].ravel() for each in shooting.blocks]
-        )
-        others = np.setdiff1d(np.arange(len(slopes)), chain)
-        others = others[~(slopes[np.ix_(others, carried)] != 0).any(axis=1)]
+    def _conditions(self) -> tuple[np.ndarray, np.ndarray]:
+        """The slopes (r, n) of the conditions that hold, by the shooting variables, and the Hessian
+        (n, n) of what they add to the form.
+        """
+        known, shooting, nx = self.known, self.shooting, self.problem.x.numel()
+        slopes, others = known.slopes, np.ones(len(known.slopes), dtype=bool)
+        others[shooting.chain[1]] = False
+        for each in shooting.blocks:  # what is carried is none of the form's
+            carried = each.variables[:, nx:].ravel()
+            others &= ~(slopes[:, carried] != 0).any(axis=1)
         # of the equations that are none of the motion, those that are linear have no Hessian
-        held = np.where(np.isin(shooting.others, others), self.known.held[shooting.others], 0.0)
-        (at_ends,) = numbers(shooting.joined[1], self.known.at, held)
-        form = form + changed.T @ at_ends @ changed
-        size = np.abs(self.known.held)
-        weak = size[others] <= WEAK * size.max(initial=0.0)
-        others = others[(shooting.signs[others] == 0) | ~weak]
-        rows = np.vstack([slopes[others] @ changed, fixed])
-        return form, rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), TINY)
+        held = np.where(others, known.held, 0.0)[shooting.others]
+        (at_ends,) = numbers(shooting.joined[1], known.at, held)
+        size = np.abs(known.held)
+        weak = size <= WEAK * size.max(initial=0.0)
+        return slopes[others & ((shooting.signs == 0) | ~weak)], at_ends
+
+    def _kept(self, rule: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the form (k, k) with what the ends add, and the conditions (r, k) on it."""
+        (form, changed, fixed), (slopes, at_ends) = self._laid(rule), self._conditions
+        rows = np.vstack([slopes @ changed, fixed])
+        rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), TINY)
+        return form + changed.T @ at_ends @ changed, rows
+
+    @cached_property
+    def kept(self) -> tuple[np.ndarray, np.ndarray]:
+        """The form (k, k) and the conditions (r, k) on its columns, by the pieces."""
+        return self._kept(_PIECES)
 
     @cached_property
     def idle(self) -> list[int]:
@@ -240,9 +276,15 @@ class Form:
         """The form and its conditions without what is idle: with w on whole intervals first, and
         then with one halving of all pieces after the other. Each is that of a subspace of the next.
         """
-        found = [_without(self.idle, *self.kept)]
+        found, first, values = (
+            [_without(self.idle, *self.kept)],
+            self._fixed - len(self.idle),
+            halved(_NODES),
+        )
         for _ in range(HALVINGS):
-            found.insert(0, self._by(halved(_NODES), *found[0]))
+            form, rows = found[0]
+            form = _coarser(_coarser(form, first, values).T, first, values)
+            found.insert(0, (form, _coarser(rows, first, values)))
         return found
 
     @cached_property
@@ -250,17 +292,7 @@ class Form:
         """The first of `refined` by the Gauss points of whole intervals: what sets them apart is
         what either quadrature leaves.
         """
-        other = replace(self, rule=_WHOLE)
-        vars(other)["along"] = self.along
-        return self._by(lowered(_NODES, _WHOLE[1]), *_without(self.idle, *other.kept))
-
-    def _by(
-        self, values: np.ndarray, form: np.ndarray, rows: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return a form and its conditions by fewer values of w, by which theirs are `values`."""
-        first = self.base.size + sum(map(len, self.ends)) - len(self.idle)
-        form = _coarser(_coarser(form, first, values).T, first, values)
-        return form, _coarser(rows, first, values)
+        return _without(self.idle, *self._kept(_WHOLE))
 
 
 def _without(

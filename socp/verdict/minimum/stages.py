@@ -15,35 +15,40 @@ def stages(
     (s, s).
     """
     step, weights, matrix = rule
-    n, count, ny = A.shape[:3]
-    each, rows = step[:, None, None, None], count * ny
-    left = np.eye(rows) - each[:, 0] * np.einsum("ij,njab->niajb", matrix, A).reshape(n, rows, rows)
-    right = y + each * np.einsum("ij,njak->niak", matrix, driven)
-    inside = np.linalg.solve(left, right.reshape(n, rows, -1)).reshape(right.shape)
-    return inside, y + each[:, 0] * np.einsum("j,njak->nak", weights, A @ inside + driven)
+    n, count, ny, k = driven.shape
+    inner = step[:, None, None] * matrix
+    right = y + (inner @ driven.reshape(n, count, -1)).reshape(driven.shape)
+    coupled = inner[:, :, None, :, None] * A.swapaxes(1, 2)[:, None]
+    left = np.eye(count * ny) - coupled.reshape(n, count * ny, -1)
+    inside = np.linalg.solve(left, right.reshape(n, -1, k)).reshape(right.shape)
+    slopes = (A @ inside + driven).reshape(n, count, -1)
+    return inside, y + step[:, None, None] * (weights @ slopes).reshape(n, ny, k)
 
 
 def pieces(
-    at: dict[str, np.ndarray], size: np.ndarray, rule: Rule
+    at: dict[str, np.ndarray], size: np.ndarray, values: np.ndarray, rule: Rule
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return where y ends (n, ny, c) on n pieces and what it costs (n, c, c), as functions of y
-    where they begin and of the values of w at the Gauss points, measured in `size` (n, s, m), point
-    by point; `at` holds the coefficients (n, s, ..) of the second variation by name.
+    """Return where y ends (n, ny, ny + c m) on n pieces and what it costs, square, as functions of
+    y where they begin and of c numbers of each of the m controls, one number after the other: by
+    these w is `values` (s, c) at the Gauss points, measured in `size` (n, s, m). `at` holds the
+    coefficients (n, s, ..) of the second variation by name.
     """
-    (n, count, m), ny = size.shape, at["A"].shape[2]
-    own = ny + np.arange(count * m).reshape(count, m)
-    driven = np.zeros((n, count, ny, ny + own.size))
-    entries = (at["B1"] * size[:, :, None]).transpose(1, 3, 0, 2)
-    driven[:, np.arange(count)[:, None], :, own] = entries
-    xi, ends = stages(at["A"], driven, np.eye(ny, ny + own.size), rule)
+    (n, count, m), ny, own = size.shape, at["A"].shape[2], values.shape[1] * size.shape[2]
+    driven = np.zeros((n, count, ny, ny + own))
+    by = (at["B1"] * size[:, :, None])[:, :, :, None] * values[:, None, :, None]
+    driven[..., ny:] = by.reshape(n, count, ny, own)
+    xi, ends = stages(at["A"], driven, np.eye(ny, ny + own), rule)
     measure = (rule[0][:, None] * rule[1])[:, :, None, None]
     rows = n, count * ny, -1
     form = xi.reshape(rows).swapaxes(1, 2) @ (measure * (at["Q"] @ xi)).reshape(rows)
-    mixed = (measure * size[..., None] * (at["M"] @ xi)).reshape(n, own.size, xi.shape[3])
+    mixed = (measure * size[..., None] * (at["M"] @ xi)).reshape(n, count, -1)
+    mixed = (values.T @ mixed).reshape(n, own, -1)
     form[:, ny:] += mixed
     form[:, :, ny:] += mixed.swapaxes(1, 2)
-    bent = measure * size[:, :, :, None] * size[:, :, None] * at["R"]
-    form[:, own[:, :, None], own[:, None]] += bent
+    bent = (measure * size[:, :, :, None] * size[:, :, None] * at["R"]).reshape(n, count, -1)
+    pairs = (values[:, :, None] * values[:, None]).reshape(count, -1).T
+    bent = (pairs @ bent).reshape(n, own // m, own // m, m, m).swapaxes(2, 3)
+    form[:, ny:, ny:] += bent.reshape(n, own, own)
     return ends, form
 
 
