@@ -50,12 +50,16 @@ def kinks(expression: Expr, given: Expr) -> Expr:
 
 def _turns(expression: Expr, given: Expr) -> list[Expr]:
     """Return what vanishes where parts of an expression are not smooth, as often as it has them."""
-    traced = casadi.Function("traced", [given], [expression])
-    operations = {traced.instruction_id(k) for k in range(traced.n_instructions())}
-    if operations.isdisjoint(BINARY | UNARY):  # codes cost less to look at than parts
+    if _operations(expression, given).isdisjoint(BINARY | UNARY):
         return []
     found = (kink(node.op(), *map(node.dep, range(node.n_dep()))) for node in nodes(expression))
     return [each for each in found if each is not None]
+
+
+def _operations(expression: Expr, given: Expr) -> set[int]:
+    """Return the codes of an expression's operations, which cost less to look at than its parts."""
+    traced = casadi.Function("traced", [given], [expression])
+    return {traced.instruction_id(k) for k in range(traced.n_instructions())}
 
 
 def _apart(expressions: list[Expr], given: Expr) -> list[Expr]:
@@ -92,11 +96,11 @@ def linear_tables(problem: Problem) -> bool:
     """Tell whether dynamics or running cost look into a table between whose entries lines are
     drawn: it has a kink at every one.
     """
-    called = (
-        node.which_function()
-        for node in nodes(casadi.vertcat(problem.rate, problem.lagrangian))
-        if node.is_call()
-    )
+    expression = casadi.vertcat(problem.rate, problem.lagrangian)
+    given = casadi.vertcat(problem.x, problem.u, time, problem.p)
+    if casadi.OP_CALL not in _operations(expression, given):
+        return False
+    called = (node.which_function() for node in nodes(expression) if node.is_call())
     return any(
         each.class_name() == "LinearInterpolant"
         for function in called

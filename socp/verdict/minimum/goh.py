@@ -145,29 +145,36 @@ def _eigenvalues(form: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Return the eigenvalues of a form (k, k), ascending, on the directions that `rows` (r, k) let
     be.
     """
-    kept, fixed = _projected(form, rows)
+    fixed = _fixed(rows)
     # the others are moved to the end of the spectrum
-    kept += np.abs(kept).sum(axis=1).max(initial=0.0) * fixed.T @ fixed
+    kept = _projected(form, fixed, np.abs(form).sum(axis=1).max(initial=0.0))
     return np.linalg.eigvalsh(kept)[: len(kept) - len(fixed)]
 
 
-def _projected(form: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a form (k, k) with the directions taken out that `rows` (r, k) fix, and an orthonormal
-    basis (f, k) of these.
-    """
+def _fixed(rows: np.ndarray) -> np.ndarray:
+    """Return an orthonormal basis (f, k) of the directions that `rows` (r, k) fix."""
     _, values, right = np.linalg.svd(rows, full_matrices=False)
-    fixed = right[values > _RANK * values.max(initial=TINY)]
-    kept = form - fixed.T @ (fixed @ form)
-    kept = kept - (kept @ fixed.T) @ fixed
-    return 0.5 * (kept + kept.T), fixed
+    return np.array(right[values > _RANK * values.max(initial=TINY)])
+
+
+def _projected(form: np.ndarray, fixed: np.ndarray, there: float = 0.0) -> np.ndarray:
+    """Return a form (k, k) without the directions `fixed` (f, k), where all its eigenvalues are
+    those `there`.
+    """
+    across = fixed @ form
+    own = 0.5 * (across @ fixed.T + there * np.eye(len(fixed)))
+    taken = fixed.T @ (across - own @ fixed)
+    kept = form - taken - taken.T
+    return np.array(0.5 * (kept + kept.T))
 
 
 def _between(*forms: tuple[np.ndarray, np.ndarray]) -> float:
     """Return how far apart two forms are on what their conditions let be: inf where these leave not
     as many directions.
     """
-    (one, fixed), (other, held) = (_projected(*each) for each in forms)
-    return float(np.linalg.norm(one - other, 2)) if len(fixed) == len(held) else np.inf
+    one, other = (_fixed(rows) for _, rows in forms)
+    kept = [_projected(form, each) for (form, _), each in zip(forms, (one, other), strict=True)]
+    return float(np.linalg.norm(kept[0] - kept[1], 2)) if len(one) == len(other) else np.inf
 
 
 def _asymmetric(form: Form) -> list[int]:

@@ -66,9 +66,10 @@ def _second_order(problem: Problem, solution: Solution, inside: bool) -> SecondO
     pair = induced(problem, solution)
     if isinstance(pair, SecondOrder):
         return pair
-    enough, needed = (pair.curvature(weak=weak) for weak in (False, True))
+    enough = pair.curvature(weak=False)
     if enough.positive:
         return _minimum(problem, solution, (pair, enough), inside=inside)
+    needed = pair.curvature(weak=True)
     if needed.negative:
         lower = next(descents(problem, solution, pair), None)
         if lower is not None:
