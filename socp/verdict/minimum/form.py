@@ -46,7 +46,7 @@ class Form:
 
     problem: Problem
     known: Induced
-    quadratics: tuple[Quadratic, ...]
+    quadratics: dict[int, Quadratic]
 
     @property
     def shooting(self) -> Shooting:
@@ -70,7 +70,7 @@ class Form:
     @cached_property
     def base(self) -> np.ndarray:
         """Sizes of the variables of the word: initial time, lengths, parameters, initial states."""
-        first = 1 + len(self.quadratics) + self.problem.p.numel()
+        first = 1 + len(self.places) + self.problem.p.numel()
         return self.known.conditions.size[: first + self.problem.x.numel()]
 
     @cached_property
@@ -101,15 +101,15 @@ class Form:
         return sum(each.size for each in self._columns(_PIECES[0]))
 
     @cached_property
-    def along(self) -> list[dict[str, np.ndarray]]:
-        """Of every phase the coefficients (n, s, rows, columns) on its n intervals, if it has
-        singular controls: at both ends, and at the points of either rule between them.
+    def along(self) -> dict[int, dict[str, np.ndarray]]:
+        """By phase with singular controls the coefficients (n, s, rows, columns) on its n
+        intervals: at both ends, and at the points of either rule between them.
         """
         p = parameters_of(self.problem, self.shooting.solution)
-        points, found = np.concatenate([[0.0], spread(*_PIECES), spread(*_WHOLE), [1.0]]), []
-        for k, (each, places) in enumerate(zip(self.quadratics, self.places, strict=True)):
-            at = each.at(reference(self.known, k, each, points), p, places) if places else {}
-            found.append({name: e.reshape(-1, points.size, *e.shape[1:]) for name, e in at.items()})
+        points, found = np.concatenate([[0.0], spread(*_PIECES), spread(*_WHOLE), [1.0]]), {}
+        for k, each in self.quadratics.items():
+            at = each.at(reference(self.known, k, each, points), p, self.places[k])
+            found[k] = {name: e.reshape(-1, points.size, *e.shape[1:]) for name, e in at.items()}
         return found
 
     def at_end(self, k: int, end: int) -> dict[str, np.ndarray]:
@@ -119,14 +119,14 @@ class Form:
     @cached_property
     def _units(self) -> np.ndarray:
         """What w of every control (nu,) is measured in."""
-        horizon = self.known.at[1 : 1 + len(self.quadratics)].sum()
+        horizon = self.known.at[1 : 1 + len(self.places)].sum()
         return np.array(np.diff(self.problem.box, axis=0)[0] * horizon)
 
     def _laid(self, rule: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the form of the motion (k, k), the change of the shooting variables (n, k) and
         times that stay (j, k).
         """
-        nx, count, columns = self.problem.x.numel(), len(self.quadratics), self._columns(rule[0])
+        nx, count, columns = self.problem.x.numel(), len(self.places), self._columns(rule[0])
         width = self._fixed + sum(each.size for each in columns)
         form, changed = np.zeros((width, width)), np.zeros((self.known.at.size, width))
         inner = np.arange(1 + count + self.problem.p.numel())
@@ -299,6 +299,8 @@ def _without(
     columns: list[int], form: np.ndarray, rows: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return a form (k, k) and its conditions (r, k) without some of the columns."""
+    if not columns:
+        return form, rows
     left = np.delete(form, columns, axis=1)
     return np.delete(left, columns, axis=0), np.delete(rows, columns, axis=1)
 

@@ -42,7 +42,7 @@ def singular_curvature(problem: Problem, pair: Pair) -> tuple[Curvature | None, 
     if broken := _asymmetric(form):  # v may be as large as one likes for the same w
         why = f"Goh's condition does not hold on arc {broken[0] + 1}"
         return Curvature(least=-np.inf, error=0.0, free=form.free), why
-    faults = (_torn(form, k) for k in range(len(quadratics) - 1))
+    faults = (_torn(form, k) for k in range(len(form.places) - 1))
     if fault := next((fault for fault in faults if fault), ""):
         return None, fault
     found = _settled(form)
@@ -52,8 +52,8 @@ def singular_curvature(problem: Problem, pair: Pair) -> tuple[Curvature | None, 
     return found, "an impulse where a singular arc ends costs nothing" if idle else ""
 
 
-def _quadratics(problem: Problem, pair: Pair) -> tuple[Quadratic, ...] | str:
-    """Return the coefficients of every phase, or the reason why there are none."""
+def _quadratics(problem: Problem, pair: Pair) -> dict[int, Quadratic] | str:
+    """Return the coefficients by phase with singular controls, or the reason why there are none."""
     shooting = pair.fine.conditions.shooting
     if any(count > 1 for count in pair.pieces):
         return "the dynamics have a kink on the way"
@@ -61,9 +61,9 @@ def _quadratics(problem: Problem, pair: Pair) -> tuple[Quadratic, ...] | str:
         phases = _freed(problem, shooting)
     except MethodError as error:
         return f"no law beside the free singular control: {error}"
-    if any(phase.carried.numel() for phase, _ in phases):
+    if any(phase.carried.numel() for phase, _ in phases.values()):
         return "a law beside the singular control needs the costate"
-    return tuple(quadratic(problem, *each) for each in phases)
+    return {k: quadratic(problem, *each) for k, each in phases.items()}
 
 
 def _settled(form: Form) -> Curvature | str:
@@ -93,18 +93,19 @@ def _settled(form: Form) -> Curvature | str:
     return Curvature(least=least[-1], error=error, free=values.size)
 
 
-def _freed(problem: Problem, shooting: Shooting) -> list[tuple[Phase, tuple[int, ...]]]:
-    """Return the phases of a word with its singular controls free, and the places of these."""
+def _freed(problem: Problem, shooting: Shooting) -> dict[int, tuple[Phase, tuple[int, ...]]]:
+    """Return, by phase with singular controls, that phase with these free, and their places."""
     phases, places = shooting.phased.phases, singular_places(shooting)
+    own = [k for k, here in enumerate(places) if here]
     if all(_apart(problem, phase) for phase in phases):
         singular = sorted({place for each in places for place in each})
-        return [_left(problem, phase, singular) for phase in phases]
+        return {k: _left(problem, phases[k], singular) for k in own}
     arcs = tuple(
         tuple(Mode("free") if mode.kind == "singular" else mode for mode in phase.modes)
         for phase in phases
     )
     free = follow(problem, Word(problem.control_names, arcs)).phases
-    return list(zip(free, places, strict=True))
+    return {k: (free[k], places[k]) for k in own}
 
 
 def _apart(problem: Problem, phase: Phase) -> bool:
