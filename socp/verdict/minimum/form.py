@@ -156,20 +156,21 @@ class Form:
         """
         (ends, costs), ny = moved, len(y)
         own = columns.transpose(1, 2, 0).reshape(len(ends), -1)
-        entered, now = np.empty((len(ends), ny, stop)), y[:, :stop]
+        entered = np.zeros((len(ends) + 1, ny, stop))
+        entered[0] = y[:, :stop]
         for j, end in enumerate(ends):
-            entered[j] = now
-            now = end[:, :ny] @ now
-            now[:, own[j]] += end[:, ny:]
-        flat = entered.reshape(-1, stop)
-        form[:stop, :stop] += flat.T @ (costs[:, :ny, :ny] @ entered).reshape(flat.shape)
+            np.matmul(end[:, :ny], entered[j], out=entered[j + 1])
+            entered[j + 1][:, own[j]] = end[:, ny:]
+        before = entered[:-1].reshape(-1, stop)
+        form[:stop, :stop] += before.T @ (costs[:, :ny, :ny] @ entered[:-1]).reshape(before.shape)
         if own.size:
-            mixed = (costs[:, ny:, :ny] @ entered).reshape(own.size, stop)
-            form[own.ravel(), :stop] += mixed
-            form[:stop, own.ravel()] += mixed.T
+            mixed = (costs[:, ny:, :ny] @ entered[:-1]).reshape(own.size, stop)
+            mixed = mixed[own.ravel().argsort()]
+            form[stop - own.size : stop, :stop] += mixed
+            form[:stop, stop - own.size : stop] += mixed.T
             form[own[:, :, None], own[:, None]] += costs[:, ny:, ny:]
         y = np.zeros_like(y)
-        y[:, :stop] = now
+        y[:, :stop] = entered[-1]
         return y
 
     def _driven(self, rule: tuple[int, int]) -> dict[int, Moved]:
@@ -222,13 +223,14 @@ class Form:
 
     def _ended(self, k: int, y: np.ndarray, form: np.ndarray) -> np.ndarray:
         """Add what values h of w cost where they end, and put them into the states."""
-        at = self.at_end(k, -1)
+        at, h, units = self.at_end(k, -1), self.values[k], self._units[list(self.ends[k])]
         which = [self.places[k].index(place) for place in self.ends[k]]
-        h = np.zeros((len(which), y.shape[1]))
-        h[np.arange(len(which)), self.values[k]] = self._units[list(self.ends[k])]
-        mixed = h.T @ at["N"][which] @ y
-        form += mixed + mixed.T + h.T @ at["NB"][np.ix_(which, which)] @ h
-        return np.array(y + at["B"][:, which] @ h)
+        mixed = units[:, None] * (at["N"][which] @ y)
+        form[h] += mixed
+        form[:, h] += mixed.T
+        form[h[:, None], h] += units[:, None] * at["NB"][np.ix_(which, which)] * units
+        y[:, h] = at["B"][:, which] * units
+        return y
 
     @cached_property
     def _conditions(self) -> tuple[np.ndarray, np.ndarray]:
@@ -251,9 +253,10 @@ class Form:
     def _kept(self, rule: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
         """Return the form (k, k) with what the ends add, and the conditions (r, k) on it."""
         (form, changed, fixed), (slopes, at_ends) = self._laid(rule), self._conditions
+        bent = np.flatnonzero(at_ends.any(axis=1))
         rows = np.vstack([slopes @ changed, fixed])
         rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), TINY)
-        return form + changed.T @ at_ends @ changed, rows
+        return form + changed[bent].T @ at_ends[np.ix_(bent, bent)] @ changed[bent], rows
 
     @cached_property
     def kept(self) -> tuple[np.ndarray, np.ndarray]:
