@@ -69,24 +69,6 @@ def test_rough_curvatures_are_those_of_steps_four_times_as_long() -> None:
     assert 2.0**6 < errors[1] / errors[0] < 2.0**10  # of order 8
 
 
-def test_states_and_multipliers_between_the_ends_of_intervals() -> None:
-    """Multipliers times changes stay what they are: from a node on, the slopes of the rest tell."""
-    motion, nodes = shooting().motions[0], np.array([0.0, 0.4, 1.0])
-    random = np.random.default_rng(1)
-    z, t, h, p = random.normal(size=(2, 4)), np.arange(4.0), np.full(4, 0.3), np.array([[0.7]])
-    sweep, held = motion.sweep([z, t[None, :], h[None, :], p], 3), random.normal(size=(2, 4))
-    y, back = (each.reshape(4, 4, 3) for each in sweep.between(held, nodes))
-    assert y[:2, :, 0] == pytest.approx(z, rel=1e-14)
-    assert y[:3, :, 2] == pytest.approx(sweep.ends.T, rel=1e-14, abs=1e-14)
-    assert y[3] == pytest.approx(t[:, None] + h[:, None] * nodes, rel=1e-14)
-    assert back[:2, :, 2] == pytest.approx(held, rel=1e-14)
-    for k, node in enumerate(nodes[:2]):
-        rest = motion.sweep([y[:2, :, k], y[3:, :, k], ((1 - node) * h)[None, :], p], 6)
-        counted = np.vstack([held, np.ones(4)])
-        wanted = np.einsum("rn,nrz->zn", counted, rest.slopes[:, :, :2])
-        assert back[:2, :, k] == pytest.approx(wanted, rel=1e-10)
-
-
 def test_arcs_worked_out_at_once_are_what_each_is_alone() -> None:
     """Two arcs of one law, or of one but for constants, in different numbers of steps."""
     known, random = shooting(), np.random.default_rng(3)

@@ -177,6 +177,32 @@ def test_a_singular_arc_in_closed_form() -> None:
     assert found.limits[0].endswith("an impulse where a singular arc ends costs nothing")
 
 
+def test_a_bang_arc_behind_a_singular_one_in_closed_form() -> None:
+    """Integral of x^2 with y' = x, x' = u, less l^2 x and 1/4 (y - l^2 / 2)^2 at the end: at rest,
+    and then u = 1 for a time l. Changes are w at rest, that of x behind it is h, and the form is
+    the integral of w^2 with l h^2 less 1/4 (integral of w + l h)^2. In units of 2 T and over the
+    horizon for w, only its mean and h are coupled.
+    """
+    y, x = states("y x")
+    u, horizon, last = controls("u"), 2.0, 0.5
+    problem = Problem(
+        name="behind",
+        minimise=-(last**2) * x - (y - last**2 / 2) ** 2 / 4,
+        running=x**2,
+        dynamics={y: x, x: u},
+        bounds={u: (-1, 1)},
+        start={y: 0, x: 0},
+        final_time=horizon,
+    )
+    found = ordered(problem, along(problem, "u: s +", [horizon - last, last]))
+    mean = 2 * horizon * np.array([np.sqrt(horizon * (horizon - last)), last])
+    own = np.diag(2 * (2 * horizon) ** 2 * np.array([horizon, last]))
+    assert found.singular is not None
+    wanted = np.linalg.eigvalsh(own - 0.5 * np.outer(mean, mean))[0]
+    assert found.singular.least == pytest.approx(wanted, rel=1e-9)
+    assert found.singular.positive
+
+
 @pytest.mark.parametrize("coupling", [0.0, 1.0])
 def test_a_singular_arc_beside_a_boundary_arc(coupling: float) -> None:
     """Integral of x^2 - y with x' = u, y' = v + c u and y <= 1: v keeps y at 1 whatever u does, so
