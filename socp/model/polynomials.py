@@ -67,7 +67,7 @@ def piecewise(nodes: np.ndarray, values: np.ndarray, t: np.ndarray, on: np.ndarr
     merged = (np.diff(nodes, axis=1) <= ROUNDED * np.abs(nodes).max(axis=1)[:, None]).any(axis=1)
     merged |= size == 1
     out = np.empty((values.shape[0], t.size))
-    for j in np.unique(on[merged[on]]):
+    for j in np.unique(on[merged[on]]) if merged.any() else ():
         out[:, on == j] = lagrange(nodes[j], values[:, j], t[on == j])
     rest = np.flatnonzero(~merged[on])
     on, t = on[rest], t[rest]

@@ -10,9 +10,9 @@ F'' cost what one point costs, whatever the mesh: no sparsity is looked for and 
 time's).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from itertools import compress
 from typing import Any, final
 
@@ -59,6 +59,12 @@ class Point:
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns of what is not zero in the slopes of y."""
         return _pattern(self._slopes)
+
+    @cached_property
+    def fixed(self) -> np.ndarray:
+        """The values (k,) of these where they are numbers, nan where they are none."""
+        entries = self._slopes.nonzeros()
+        return np.array([float(each) if each.is_constant() else np.nan for each in entries])
 
     @cached_property
     def slopes(self) -> casadi.Function:
@@ -244,14 +250,15 @@ class Programme:
         A, one = self.A, np.zeros(self.A.rows.size, dtype=int)
         slopes.parts.append((A.rows, A.columns, A.values, one))
         for term, w, mu in zip(self.terms, given, held, strict=True):
-            J, (rows, columns, *rest) = term.called("slopes", w), term.products()
+            J, (rows, columns, *rest) = cache(partial(term.called, "slopes", w)), term.products()
             cost, none = rows == m, np.zeros(rows.size, dtype=int)
-            gradient.add(J, *(each[cost] for each in (columns, none, *rest)))
-            slopes.add(J, *(each[~cost] for each in (rows, columns, *rest)))
+            fixed = np.tile(term.point.fixed, term.count)
+            gradient.add(J, *(each[cost] for each in (columns, none, *rest)), fixed=fixed)
+            slopes.add(J, *(each[~cost] for each in (rows, columns, *rest)), fixed=fixed)
             if term.point.curved[0].size:
-                curvature.add(term.called("curvature", w, mu), *term.sandwiched())
+                curvature.add(partial(term.called, "curvature", w, mu), *term.sandwiched())
         at, names, unread = [v, p], ["x", "p"], casadi.MX()
-        steep, slope = casadi.densify(gradient.matrix()), slopes.matrix()
+        steep, slope = gradient.column(), slopes.matrix()
         return Derivatives(
             nlp=casadi.Function("nlp", at, [f, g], names, ["f", "g"]),
             grad_f=casadi.Function("nlp_grad_f", at, [unread, steep], names, ["f", "grad_f_x"]),
@@ -280,36 +287,62 @@ class _Sum:
     @classmethod
     def of(cls, shape: tuple[int, int]) -> "_Sum":
         """Return an empty one."""
-        return cls(shape, [casadi.MX(1)], [])
+        none = np.empty(0, dtype=int)
+        return cls(shape, [casadi.MX(1)], [(none, none, np.empty(0), none)])
 
     def add(
         self,
-        source: casadi.MX,
+        source: Callable[[], casadi.MX],
         rows: np.ndarray,
         columns: np.ndarray,
         factors: np.ndarray,
         places: np.ndarray,
+        fixed: np.ndarray | None = None,
     ) -> None:
-        """Add factors times places of a source at rows and columns."""
+        """Add factors times places of a source at rows and columns; what of it is `fixed` (k,) is a
+        number there, and nan elsewhere. One of numbers alone is not called for.
+        """
+        if fixed is not None:
+            value = fixed[places]
+            known = ~np.isnan(value)
+            numbers = rows[known], columns[known], (factors * value)[known]
+            self.parts.append((*numbers, np.zeros(numbers[0].size, dtype=int)))
+            rows, columns, factors, places = (
+                each[~known] for each in (rows, columns, factors, places)
+            )
         if rows.size:
             before = sum(each.numel() for each in self.sources)
-            self.sources.append(source)
+            self.sources.append(source())
             self.parts.append((rows, columns, factors, places + before))
+
+    def column(self) -> casadi.MX:
+        """Return the matrix, of one column, dense."""
+        rows, _, factors, places = self._whole
+        return self._weighted(self.shape[0], rows, factors, places)
 
     def matrix(self) -> casadi.MX:
         """Return the matrix; entries of one place are added up."""
-        if not self.parts:
-            return casadi.MX(*self.shape)
-        rows, columns, factors, places = (
-            np.concatenate(each) for each in zip(*self.parts, strict=True)
-        )
+        rows, columns, factors, places = self._whole
         # column after column, as casadi keeps them
         where, entry = np.unique(columns * self.shape[0] + rows, return_inverse=True)
-        given = casadi.veccat(*self.sources)
-        weights = Entries((where.size, given.numel()), entry, places, factors).matrix()
         ends = np.searchsorted(where, self.shape[0] * np.arange(self.shape[1] + 1))
-        pattern = pattern_of(self.shape, ends, where % self.shape[0])
-        return casadi.MX(pattern, _times(weights, given))
+        pattern = pattern_of(self.shape, ends, where % max(self.shape[0], 1))
+        return casadi.MX(pattern, self._weighted(where.size, entry, factors, places))
+
+    @property
+    def _whole(self) -> tuple[np.ndarray, ...]:
+        return tuple(np.concatenate(each) for each in zip(*self.parts, strict=True))
+
+    def _weighted(
+        self, count: int, entry: np.ndarray, factors: np.ndarray, places: np.ndarray
+    ) -> casadi.MX:
+        """Return a dense column of so many entries, to each of which factors times places of the
+        sources are added.
+        """
+        if len(self.sources) == 1:  # of numbers alone
+            return casadi.MX(casadi.DM(np.bincount(entry, factors, count).tolist()))
+        given = casadi.veccat(*self.sources)
+        return _times(Entries((count, given.numel()), entry, places, factors).matrix(), given)
 
 
 def _times(matrix: casadi.DM, values: Any) -> Any:

@@ -357,11 +357,10 @@ def _box(layout: Layout) -> np.ndarray:
     for i, name in enumerate(problem.state_names):
         low[i, _closed(phased, first, f"{name}.lower")] = -np.inf
         high[i, _closed(phased, first, f"{name}.upper")] = np.inf
+    bounded = np.flatnonzero(np.isfinite(problem.state_box).any(axis=0)).tolist()
     for k, phase in enumerate(phased.phases):
         # bounds on every node of a state that stays as it is would be dependent: one is enough
-        rest = [
-            i for i, rate in enumerate(casadi.vertsplit(phase.flow(problem)[0])) if rate.is_zero()
-        ]
+        rest = phase.at_rest(problem, bounded)
         low[rest, first[k] + 1 : first[k + 1] + 1] = -np.inf
         high[rest, first[k] + 1 : first[k + 1] + 1] = np.inf
     for node, ends in ((0, problem.start_box), (-1, problem.end_box)):

@@ -103,4 +103,4 @@ def pattern_of(shape: tuple[int, int], ends: np.ndarray, rows: np.ndarray) -> ca
     """Return a pattern of a shape (m, n) from where its columns end (n + 1,) among the rows of its
     entries (k,), which ascend in each; casadi looks at one list once, and at several twice.
     """
-    return casadi.Sparsity.compressed([*shape, *ends.tolist(), *rows.tolist()])
+    return casadi.Sparsity.compressed(np.concatenate([shape, ends, rows]).tolist())

@@ -15,7 +15,7 @@ from socp.laws import at_length
 from socp.model import Arc, Effort, Expr, Problem, Solution, numbers, of_motion, time
 from socp.solvers import NLPPoint
 from socp.transcription.mesh import Table
-from socp.transcription.phases import Phase, PhasedProblem, once_alike, once_along
+from socp.transcription.phases import Phase, PhasedProblem, once_alike
 
 # Of a phase: which side of a jump a node is on, well above rounding and below any interval
 _NUDGE = 1e-9
@@ -225,7 +225,8 @@ def _arc(layout: Layout, point: NLPPoint, k: int) -> Arc:
     carried = v[layout.carried[k]].reshape(t.tau.size, -1).T
     z = v[layout.binaries[k]]
     given = [x, free, carried, times, v[layout.parameters], z]
-    (u,) = numbers(_control(problem, phase), *given)
+    control, constants = _control(problem, phase)
+    (u,) = numbers(control, constants, *given)
     return Arc(
         t=times,
         x=x,
@@ -254,11 +255,14 @@ def _everywhere(values: np.ndarray, t: Table, times: np.ndarray) -> np.ndarray:
 
 
 @of_motion
-def _control(problem: Problem, phase: Phase) -> casadi.Function:
-    """Return a phase's controls as a function of x, v, y, t, p, z."""
-    given = _given(problem, phase)
-    make = partial(casadi.Function, "control", given, [phase.control])
-    return once_along(problem, phase, _control, make)
+def _control(problem: Problem, phase: Phase) -> tuple[casadi.Function, np.ndarray]:
+    """Return a phase's controls as a function of constants in it, x, v, y, t, p and z, and these
+    constants (nc,).
+    """
+    whole, constants, values = phase.opened(problem)
+    given = [constants, *_given(problem, phase)]
+    make = partial(casadi.Function, "control", given, [whole.control])
+    return once_alike(problem, whole, _control, make), np.array(values)
 
 
 @of_motion

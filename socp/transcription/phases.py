@@ -112,10 +112,23 @@ class Phase:
 
     def flow(self, problem: Problem) -> tuple[Expr, Expr]:
         """Return the rate of the states (nx, 1) and the running cost under the arc's control."""
-        of = (problem.rate, problem.lagrangian) if self.when is None else _at(problem, self.when)
-        rate, running = (casadi.substitute(each, problem.u, self.control) for each in of)
+        rate, running = (
+            casadi.substitute(each, problem.u, self.control) for each in self._of(problem)
+        )
         return rate, running
 
+    def at_rest(self, problem: Problem, among: Sequence[int]) -> list[int]:
+        """Return which of some states stay as they are under the arc's control."""
+        if not among:
+            return []
+        rates = casadi.substitute(self._of(problem)[0][list(among)], problem.u, self.control)
+        return [i for i, rate in zip(among, rates.elements(), strict=True) if rate.is_zero()]
+
+    def _of(self, problem: Problem) -> tuple[Expr, Expr]:
+        when = self.when
+        return (problem.rate, problem.lagrangian) if when is None else _at(problem, when)
+
+    @once
     def opened(self, problem: Problem) -> tuple[Self, Expr, list[float]]:
         """Return the phase with symbols in place of the constants among its controls, and both
         (nc, 1): phases that differ in these alone are alike. A control that is 0 stays, as it
@@ -285,9 +298,9 @@ def once_alike(
     """
     if phase.choice is not None:
         return make()
-    known: dict[tuple[Any, ...], tuple[Expr, Made]] = cached(problem, function)
-    told = casadi.vertcat(phase.control, phase.free, phase.carried, phase.carried_rate, *rows)
-    key = phase.when, *identity(told)
+    known: dict[tuple[Any, ...], tuple[tuple[Expr, ...], Made]] = cached(problem, function)
+    told = phase.control, phase.free, phase.carried, phase.carried_rate, *rows
+    key = phase.when, *map(identity, told)
     if key not in known:
         known[key] = told, make()  # kept with it, told apart as they are by their places in memory
     return known[key][1]

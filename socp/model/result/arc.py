@@ -85,7 +85,7 @@ class Arc:
             np.searchsorted(self.t[self.mesh], place, side="right") - 1, 0, len(self.mesh) - 2
         )
         out = np.empty((values.shape[0], t.size))
-        used = np.unique(interval)
+        used = np.flatnonzero(np.bincount(interval))
         if used.size <= _ONE_BY_ONE:
             for k in used:
                 here, own = interval == k, self.nodes(int(k), which)
@@ -112,7 +112,7 @@ def on_intervals(
     times = np.concatenate([arc.t for arc in arcs])
     values = np.hstack([getattr(arc, which) for arc in arcs])
     out, wanted = np.empty((values.shape[0], t.size)), count[interval]
-    for size in np.unique(wanted).tolist():
+    for size in np.flatnonzero(np.bincount(wanted)).tolist():
         here, alike = np.flatnonzero(wanted == size), np.flatnonzero(count == size)
         nodes, place = first[alike, None] + np.arange(size), np.empty(count.size, dtype=int)
         place[alike] = np.arange(alike.size)

@@ -74,7 +74,7 @@ _LOST = "Ipopt: it does not find back to the constraints"
 _INSTANT, _WALL = 1e-3, "ipopt.max_wall_time"  # seconds
 # Of the time left, by which a solve may end late where it takes over what one before it was set up
 # with: less than what comes of its result takes, and more than some solves of a small programme
-_HAIR = 0.02
+_HAIR = 0.05
 _TRACED = {
     "obj": "objective",
     "inf_pr": "inf_pr",
