@@ -253,10 +253,10 @@ class Programme:
             J, (rows, columns, *rest) = cache(partial(term.called, "slopes", w)), term.products()
             cost, none = rows == m, np.zeros(rows.size, dtype=int)
             fixed = np.tile(term.point.fixed, term.count)
-            gradient.add(J, *(each[cost] for each in (columns, none, *rest)), fixed=fixed)
-            slopes.add(J, *(each[~cost] for each in (rows, columns, *rest)), fixed=fixed)
+            gradient.add(J, [each[cost] for each in (columns, none, *rest)], fixed)
+            slopes.add(J, [each[~cost] for each in (rows, columns, *rest)], fixed)
             if term.point.curved[0].size:
-                curvature.add(partial(term.called, "curvature", w, mu), *term.sandwiched())
+                curvature.add(partial(term.called, "curvature", w, mu), term.sandwiched())
         at, names, unread = [v, p], ["x", "p"], casadi.MX()
         steep, slope = gradient.column(), slopes.matrix()
         return Derivatives(
@@ -293,23 +293,19 @@ class _Sum:
     def add(
         self,
         source: Callable[[], casadi.MX],
-        rows: np.ndarray,
-        columns: np.ndarray,
-        factors: np.ndarray,
-        places: np.ndarray,
+        entries: Sequence[np.ndarray],
         fixed: np.ndarray | None = None,
     ) -> None:
-        """Add factors times places of a source at rows and columns; what of it is `fixed` (k,) is a
-        number there, and nan elsewhere. One of numbers alone is not called for.
+        """Add entries, rows, columns, factors and places of a source; what of it is `fixed` (k,) is
+        a number there, and nan elsewhere. One of numbers alone is not called for.
         """
-        if fixed is not None:
-            value = fixed[places]
+        if fixed is not None and not np.isnan(fixed).all():
+            value = fixed[entries[3]]
             known = ~np.isnan(value)
-            numbers = rows[known], columns[known], (factors * value)[known]
-            self.parts.append((*numbers, np.zeros(numbers[0].size, dtype=int)))
-            rows, columns, factors, places = (
-                each[~known] for each in (rows, columns, factors, places)
-            )
+            rows, columns, factors, places = (each[known] for each in entries)
+            self.parts.append((rows, columns, factors * value[known], 0 * places))
+            entries = [each[~known] for each in entries]
+        rows, columns, factors, places = entries
         if rows.size:
             before = sum(each.numel() for each in self.sources)
             self.sources.append(source())
