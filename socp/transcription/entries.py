@@ -50,9 +50,10 @@ class Entries:
         """Return the transpose times values (m, j): (n, j)."""
         order = np.argsort(self.columns, kind="stable")
         terms = self.values[order, None] * values[self.rows[order]]
-        at, first = np.unique(self.columns[order], return_index=True)
+        count = np.bincount(self.columns, minlength=self.shape[1])
+        at, first = np.flatnonzero(count), np.cumsum(count) - count
         found = np.zeros((self.shape[1], values.shape[1]))
-        found[at] = np.add.reduceat(terms, first) if at.size else 0.0
+        found[at] = np.add.reduceat(terms, first[at]) if at.size else 0.0
         return found
 
     def matrix(self) -> casadi.DM:

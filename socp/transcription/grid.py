@@ -163,7 +163,7 @@ class Terms:
                 data += [np.ones(count), shares[point, phase]]
                 at += 1
             else:
-                places = np.broadcast_to(each, (each.shape[0], count))
+                places = each if each.shape[1] == count else np.repeat(each, count, axis=1)
                 row = width * np.arange(count)[None, :] + at + np.arange(each.shape[0])[:, None]
                 rows.append(row.ravel())
                 columns.append(places.ravel())
