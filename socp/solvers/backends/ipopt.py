@@ -57,6 +57,9 @@ _WARM: dict[str, Any] = {
     "warm_start_slack_bound_frac": _KNOWN,
     "warm_start_mult_bound_push": _KNOWN,
 }
+# Of a solve that may be given up for lost: what a step leaves of its equations is not looked at. Of
+# 150 problems as many starts lead as near, in less time
+_GIVEN_UP = {"fast_step_computation": "yes"}
 _FINAL = ("max_iter", "obj_scaling_factor")  # what is asked for takes account of what is set
 _STOPS = {
     "Solve_Succeeded": Stop.SOLVED,
@@ -107,8 +110,8 @@ class Ipopt:
         """Return it with so many iterations at most; `lost` of them in a row may seek the
         constraints alone.
         """
-        asked = {"max_iter": min(iterations, int(self._settings()["max_iter"]))}
-        asked |= {} if lost is None else {"max_resto_iter": lost}
+        asked: dict[str, Any] = {"max_iter": min(iterations, int(self._settings()["max_iter"]))}
+        asked |= {} if lost is None else {"max_resto_iter": lost, **_GIVEN_UP}
         return replace(self, asked={**self.asked, **asked})
 
     def within(self, tolerance: float) -> Self:
