@@ -63,16 +63,24 @@ def piecewise(nodes: np.ndarray, values: np.ndarray, t: np.ndarray, on: np.ndarr
     if on.size < len(nodes):
         asked, on = np.unique(on, return_inverse=True)
         nodes, values = nodes[asked], values[:, asked]
-    size, span = nodes.shape[1], nodes[:, -1] - nodes[:, 0]
-    merged = (np.diff(nodes, axis=1) <= ROUNDED * np.abs(nodes).max(axis=1)[:, None]).any(axis=1)
+    size = nodes.shape[1]
+    least = ROUNDED * np.abs(nodes).max(axis=1)[:, None]
+    merged = (nodes[:, 1:] - nodes[:, :-1] <= least).any(axis=1)
     merged |= size == 1
-    out = np.empty((values.shape[0], t.size))
-    for j in np.unique(on[merged[on]]) if merged.any() else ():
-        out[:, on == j] = lagrange(nodes[j], values[:, j], t[on == j])
-    rest = np.flatnonzero(~merged[on])
-    on, t = on[rest], t[rest]
+    if merged.any():
+        out, whole = np.empty((values.shape[0], t.size)), ~merged[on]
+        for j in np.unique(on[~whole]):
+            out[:, on == j] = lagrange(nodes[j], values[:, j], t[on == j])
+        out[:, whole] = _piecewise(nodes, values, t[whole], on[whole])
+        return out
+    return _piecewise(nodes, values, t, on)
+
+
+def _piecewise(nodes: np.ndarray, values: np.ndarray, t: np.ndarray, on: np.ndarray) -> np.ndarray:
+    """Return the same where no time falls on a polynomial whose nodes rounding merges."""
+    size, span = nodes.shape[1], nodes[:, -1] - nodes[:, 0]
     gaps = nodes[:, :, None] - nodes[:, None, :]
-    gaps[:, np.arange(size), np.arange(size)] = 1.0
+    gaps.reshape(len(nodes), size * size)[:, :: size + 1] = 1.0
     with np.errstate(divide="ignore", invalid="ignore"):  # merged nodes, and infinite values
         weights = 1.0 / (gaps * (4.0 / span[:, None, None])).prod(axis=2)
         distance = t[:, None] - nodes[on]
@@ -81,9 +89,9 @@ def piecewise(nodes: np.ndarray, values: np.ndarray, t: np.ndarray, on: np.ndarr
         terms = weights[on] / distance
         total = terms.sum(axis=1)
         total[where] = 1.0
-        out[:, rest] = np.einsum("kp,rkp->rk", terms, values[:, on]) / total
-    out[:, rest[where]] = values[:, on[where], node]
-    return out
+        found: np.ndarray = np.einsum("kp,rkp->rk", terms, values[:, on]) / total
+    found[:, where] = values[:, on[where], node]
+    return found
 
 
 def differentiation(nodes: np.ndarray) -> np.ndarray:
