@@ -152,7 +152,7 @@ def _rows(problem: Problem) -> dict[str, tuple[slice, tuple[int, int]]]:
 @once
 def _functions(problem: Problem) -> casadi.Function:
     symbols = [problem.x, problem.u, time, problem.p]
-    everything = casadi.vertcat(*map(casadi.vec, _named(problem).values()))
+    everything = casadi.veccat(*_named(problem).values())
     return casadi.Function("along", symbols, [casadi.densify(everything)])
 
 
