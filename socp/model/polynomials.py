@@ -89,7 +89,8 @@ def _piecewise(nodes: np.ndarray, values: np.ndarray, t: np.ndarray, on: np.ndar
         terms = weights[on] / distance
         total = terms.sum(axis=1)
         total[where] = 1.0
-        found: np.ndarray = np.einsum("kp,rkp->rk", terms, values[:, on]) / total
+        found = np.einsum("kp,rkp->rk", terms, values[:, on]) / total
+    found = np.ascontiguousarray(found)  # sums over rows that lie elsewhere round otherwise
     found[:, where] = values[:, on[where], node]
     return found
 
