@@ -175,7 +175,7 @@ class Ends:
         cost = [each.ravel() for each in numbers(mayer_slopes(problem), *values)]
         found: list[tuple[list[np.ndarray], int, str, float]] = []
         for condition in problem.conditions:
-            value = float(condition_function(problem, condition)(*values))
+            value = float(numbers(condition_function(problem, condition), *values)[0][0, 0])
             slopes = condition_slopes(problem, condition)
             slope = [each.ravel() for each in numbers(slopes, *values)]
             size = float(np.abs(slope[0]) @ scale + np.abs(slope[1]) @ scale) or 1.0

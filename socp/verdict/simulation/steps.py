@@ -15,7 +15,13 @@ import casadi
 import numpy as np
 
 from socp.model import TINY, fast, numbers, once
-from socp.transcription import DOP853_ERRORS, DOP853_THROUGH, DOP853_TIMES, stage_points
+from socp.transcription import (
+    DOP853_ERRORS,
+    DOP853_STAGES,
+    DOP853_THROUGH,
+    DOP853_TIMES,
+    stage_points,
+)
 
 Plan = Callable[[np.ndarray], np.ndarray]  # times (k,) -> controls (nu, k)
 # rates (x, u, t, p) -> (n,), the last of which no rate depends on, with controls and parameters
@@ -72,7 +78,7 @@ def looked_at(n: int) -> casadi.Function:
     y, h, slopes = symbol("y", n), symbol("h"), symbol("slopes", n, DOP853_TIMES.size)
     rtol, atol = symbol("rtol"), symbol("atol", n)
     errors = h * casadi.mtimes(slopes[:, : _END + 1], casadi.DM(DOP853_ERRORS))
-    moved = stage_points(n)[_END - 1](0, h, *casadi.horzsplit(slopes[:, :_END]))
+    moved = h * casadi.mtimes(slopes[:, :_END], casadi.DM(DOP853_STAGES[_END]))
     first, last = h * slopes[:, 0], h * slopes[:, _END]
     more = h * casadi.mtimes(slopes, casadi.DM(DOP853_THROUGH))
     between = casadi.horzcat(moved, first - moved, 2 * moved - last - first, more)
