@@ -2,14 +2,14 @@
 assembled from those of the motion over single intervals.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 
 from socp.model import Solution, numbers, parameters_of
-from socp.transcription.motion import Sweep, bent, motion_of, swept
+from socp.transcription.motion import Sweep, bent, motion_of, moved, swept
 from socp.transcription.phases import PhasedProblem
 from socp.transcription.shooting import Shooting
 
@@ -18,24 +18,28 @@ def begun(shooting: Shooting, k: int, w: np.ndarray) -> list[np.ndarray]:
     """Return what the n intervals of phase k begin with at variables w: z (nz, n), t (1, n), h
     (1, n), p (np, 1).
     """
-    block, first = shooting.blocks[k], 1 + len(shooting.pairs)
+    block, first = shooting.blocks[k], 1 + len(shooting.blocks)
+    last = first + block.change.shape[1] - 2 - block.variables.shape[1]
     t = w[: 1 + k].sum() + w[1 + k] * block.shares[:-1]
-    h, p = w[1 + k] * np.diff(block.shares), w[first : first + shooting.phased.of.p.numel()]
-    return [w[block.variables[:-1]].T, t[None, :], h[None, :], p[:, None]]
+    h = w[1 + k] * (block.shares[1:] - block.shares[:-1])
+    return [w[block.variables[:-1]].T, t[None, :], h[None, :], w[first:last, None]]
 
 
-def interval_ends(phased: PhasedProblem, start: Solution, k: int) -> Callable[[int], np.ndarray]:
-    """Return states, what is carried and running cost (nz + 1, m) in which the m intervals of phase
-    k end, as a function of how many steps each of them takes.
+def interval_ends(
+    phased: PhasedProblem, start: Solution
+) -> Callable[[Sequence[int], int], list[np.ndarray]]:
+    """Return states, what is carried and running cost (nz + 1, m) in which the m intervals of some
+    phases end, as a function of these and of how many steps each of them takes.
     """
-    phase, arc, p = phased.phases[k], start.arcs[k], parameters_of(phased.of, start)
-    t = arc.t[arc.mesh]
-    z = np.vstack([arc.x, arc.costate[: phase.carried.numel()]])[:, arc.mesh[:-1]]
-    motion = motion_of(phased.of, phase)
+    p, given = parameters_of(phased.of, start), []
+    for phase, arc in zip(phased.phases, start.arcs, strict=True):
+        t = arc.t[arc.mesh]
+        z = np.vstack([arc.x, arc.costate[: phase.carried.numel()]])[:, arc.mesh[:-1]]
+        given.append([z, t[:-1], np.diff(t)])
+    motions = [motion_of(phased.of, phase) for phase in phased.phases]
 
-    def ends(steps: int) -> np.ndarray:
-        found: np.ndarray = motion.moved(z, t[:-1], np.diff(t), p, steps)[-1][:-1]
-        return found
+    def ends(phases: Sequence[int], steps: int) -> list[np.ndarray]:
+        return moved([motions[k] for k in phases], [given[k] for k in phases], p, steps)
 
     return ends
 

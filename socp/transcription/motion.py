@@ -94,18 +94,20 @@ class Motion:
         every one of so many steps, from z (nz, n) at times t (n,) over times h (n,) under p, (np,)
         or (np, n).
         """
-        return self.through(z, t, np.tile(h / steps, (steps, 1)), p)
+        return self._walked(z, t, (h / steps)[:, None], p, steps)[0].swapaxes(1, 2)
 
     def through(self, z: np.ndarray, t: np.ndarray, h: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Return the same for steps of lengths h (steps, n)."""
-        return self._walked(z, t, h, p)[0].swapaxes(1, 2)
+        return self._walked(z, t, h[:, :, None], p, len(h))[0].swapaxes(1, 2)
 
     def _walked(
-        self, z: np.ndarray, t: np.ndarray, h: np.ndarray, p: np.ndarray
+        self, z: np.ndarray, t: np.ndarray, h: np.ndarray, p: np.ndarray, steps: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return y (steps + 1, n, ny), and (steps, n, c stages) what the steps have of stages."""
+        """Return y (steps + 1, n, ny), and (steps, n, c stages) what the steps have of stages, of
+        steps of lengths h (n, 1) or (steps, n, 1).
+        """
         first = np.vstack([z, np.zeros(t.size), t]).T
-        y, at = repeated(self.flow.steps.step, [first], [h[:, :, None], p.T, self.u], len(h))
+        y, at = repeated(self.flow.steps.step, [first], [h, p.T, self.u], steps)
         return np.concatenate([first[None], y]), at
 
     @cached_property
@@ -123,15 +125,16 @@ class Motion:
     def walk(self, given: list[np.ndarray], steps: int) -> "Walk":
         """Return the same without slopes."""
         z, t, h, p = given
-        y, at = self._walked(z, t[0], np.tile(h / steps, (steps, 1)), p[:, 0])
-        return Walk(self, y, at, h[0] / steps, p[:, 0])
+        each = h.T / steps
+        y, at = self._walked(z, t[0], each, p[:, 0], steps)
+        return Walk(self, y, at, each, p[:, 0])
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """Steps of lengths `each` (n,) over n intervals under p (np,): y (steps + 1, n, ny) before and
-    after every one, and what they have of their stages, `at` (steps, n, c stages).
+    """Steps of lengths `each` (n, 1) over n intervals under p (np,): y (steps + 1, n, ny) before
+    and after every one, and what they have of their stages, `at` (steps, n, c stages).
     """
 
     motion: Motion
@@ -140,13 +143,19 @@ class Walk:
     each: np.ndarray
     p: np.ndarray
 
+    @property
+    def count(self) -> int:
+        """How many steps there are over all intervals."""
+        return math.prod(self.at.shape[:2])
+
     def given(self, together: int = 1) -> list[np.ndarray]:
-        """Return y before (k, ny), h (k, 1) and u (k, nu) of all steps as long as so many together,
-        those of one interval after those of another.
+        """Return h (k, 1) and u (k, nu) of all steps as long as so many together, the first ones of
+        all intervals first.
         """
-        y = self.y[:-1:together]
-        h = np.tile(together * self.each, len(y))[:, None]
-        return [y.reshape(-1, y.shape[2]), h, np.tile(self.motion.u, (len(h), 1))]
+        h = np.concatenate([together * self.each] * (len(self.at) // together))
+        u = np.empty((len(h), self.motion.u.size))
+        u[:] = self.motion.u
+        return [h, u]
 
 
 @final
@@ -201,7 +210,7 @@ class Sweep:
     @property
     def each(self) -> np.ndarray:
         """The lengths (1, n steps) of the steps."""
-        return np.repeat(self.walk.each, len(self.along))[None, :]
+        return np.repeat(self.walk.each, len(self.along), axis=0).T
 
     @property
     def p(self) -> np.ndarray:
@@ -224,6 +233,27 @@ class Sweep:
         return bent([self], [held], stride)[0]
 
 
+def moved(
+    motions: Sequence[Motion], given: Sequence[Sequence[np.ndarray]], p: np.ndarray, steps: int
+) -> list[np.ndarray]:
+    """Return of every motion where its n intervals end, z with the running cost (nz + 1, n), in so
+    many steps each, from what is given of it, z (nz, n), times (n,) and lengths (n,), and p (np,):
+    those of one flow go on at once.
+    """
+    found = dict[int, np.ndarray]()
+    for flow, which in _by_flow(motions):
+        rows = []
+        for z, t, h in (given[k] for k in which):
+            rows.append([np.vstack([z, np.zeros(t.size), t]).T, h[:, None] / steps])
+        u = [np.tile(motions[k].u, (given[k][1].size, 1)) for k in which]
+        first, h = _joined(rows)
+        y, _ = repeated(flow.steps.step, [first], [h, p, np.concatenate(u)], steps)
+        parts = np.cumsum([len(each) for each in u[:-1]], dtype=int)
+        ends = np.split(y[-1, :, :-1].T, parts, axis=1)
+        found |= dict(zip(which, ends, strict=True))
+    return [found[k] for k in range(len(motions))]
+
+
 def swept(
     motions: Sequence[Motion], given: Sequence[list[np.ndarray]], steps: Sequence[int]
 ) -> list[Sweep]:
@@ -233,11 +263,10 @@ def swept(
     walks = [one.walk(own, count) for one, own, count in zip(motions, given, steps, strict=True)]
     found = dict[int, Sweep]()
     for flow, which in _by_flow(motions):
-        _, h, u = _joined([walks[k].given() for k in which])
+        h, u = _joined([walks[k].given() for k in which])
         at = np.concatenate([row for k in which for row in walks[k].at])
         stages = Stages(flow.steps, staged(at, len(flow.steps.active)), (h, walks[which[0]].p, u))
-        sizes = [math.prod(walks[k].at.shape[:2]) for k in which[:-1]]
-        parts = np.split(stages.across, np.cumsum(sizes, dtype=int))
+        parts = np.split(stages.across, np.cumsum([walks[k].count for k in which[:-1]], dtype=int))
         found |= {k: Sweep.of(walks[k], stages, own) for k, own in zip(which, parts, strict=True)}
     return [found[k] for k in range(len(walks))]
 
@@ -265,17 +294,19 @@ def _bent(
     for flow, which in _by_flow([each.walk.motion for each in sweeps]):
         own, steps = [sweeps[k] for k in which], flow.steps
         long = [math.gcd(stride, len(each.along)) for each in own]
-        y, h, u = _joined([each.walk.given(k) for each, k in zip(own, long, strict=True)])
-        stages = own[0].stages
-        if max(long) > 1 or len(stages.given[0]) != len(h):
-            stages = Stages.of(steps, y, h, own[0].walk.p, u)
+        ny, stages, count = own[0].along.shape[2], own[0].stages, sum(e.walk.count for e in own)
+        shared = all(e.stages is stages for e in own) and len(stages.given[0]) == count
+        if max(long) > 1 or not shared:
+            h, u = _joined([each.walk.given(k) for each, k in zip(own, long, strict=True)])
+            y = [e.walk.y[:-1:k].reshape(-1, ny) for e, k in zip(own, long, strict=True)]
+            stages = Stages.of(steps, np.concatenate(y), h, own[0].walk.p, u)
         later = [
-            sweeps[k].returned(held[k]).swapaxes(0, 1)[m - 1 :: m].reshape(-1, y.shape[1])
+            sweeps[k].returned(held[k]).swapaxes(0, 1)[m - 1 :: m].reshape(-1, ny)
             for k, m in zip(which, long, strict=True)
         ]
         parts = np.cumsum([len(each) for each in later[:-1]], dtype=int)
         hessians = np.split(stages.bent(np.concatenate(later)), parts)
-        inner = [*steps.active, *range(y.shape[1], own[0].begun.shape[2])]
+        inner = [*steps.active, *range(ny, own[0].begun.shape[2])]
         for k, m, each in zip(which, long, hessians, strict=True):
             by = sweeps[k].begun[:-1:m][:, :, inner]
             by[:, :, len(steps.active)] *= m

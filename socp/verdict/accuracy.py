@@ -313,11 +313,12 @@ def _steps_of(phased: PhasedProblem, start: Solution) -> tuple[int, ...] | None:
     when doubled; None where none do, as where the motion is stiff, unstable or not smooth.
     """
     nx, left = phased.of.x.numel(), range(len(phased.phases))
-    moved = [interval_ends(phased, start, k) for k in left]
-    ends = [each(_STEPS[0]) for each in moved]
+    moved = interval_ends(phased, start)
+    ends = moved(left, _STEPS[0])
     found = dict[int, int]()
     for count in _STEPS[1:]:
-        now = {k: moved[k](count) for k in left if k not in found}
+        rest = [k for k in left if k not in found]
+        now = dict(zip(rest, moved(rest, count), strict=True))
         before, ends = ends, [now.get(k, each) for k, each in enumerate(ends)]
         # what is carried along one arc is seen against its size there, states and cost against
         # theirs on all of them

@@ -210,7 +210,8 @@ def test_a_step_is_of_order_eight() -> None:
     word = Word.parse("u: -", problem.control_names)
     start = Follower(intervals=1)(problem, word, default_guess(problem))
     exact = np.exp(4.0)  # x' = (1 + t) x
-    errors = [abs(interval_ends(follow(problem, word), start, 0)(n)[0, -1] - exact) for n in (4, 8)]
+    ends = interval_ends(follow(problem, word), start)
+    errors = [abs(ends([0], n)[0][0, -1] - exact) for n in (4, 8)]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(8.0, abs=0.7)
 
 

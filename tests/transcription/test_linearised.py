@@ -11,7 +11,7 @@ from socp import Problem, Word, controls, default_guess, parameters, states, tim
 from socp.methods.guess import split
 from socp.transcription import follow
 from socp.transcription.linearised import Linearised
-from socp.transcription.motion import bent, motion_of, swept
+from socp.transcription.motion import bent, motion_of, moved, swept
 from socp.transcription.shooting import Shooting
 
 
@@ -80,6 +80,9 @@ def test_arcs_worked_out_at_once_are_what_each_is_alone() -> None:
     together = swept(known.motions, given, steps)
     assert together[0].stages is together[1].stages is together[2].stages
     alone = [m.sweep(each, k) for m, each, k in zip(known.motions, given, steps, strict=True)]
+    ends = moved(known.motions, [(z, t[0], h[0]) for z, t, h, _ in given], p[:, 0], 5)
+    for motion, end, (z, t, h, _) in zip(known.motions, ends, given, strict=True):
+        assert np.array_equal(end, motion.moved(z, t[0], h[0], p[:, 0], 5)[-1][:-1])
     for stride in (1, 2):
         curvatures = bent(together, held, stride)
         for one, other, own, found in zip(together, alone, held, curvatures, strict=True):
