@@ -230,10 +230,11 @@ def _transversality(along: AdjointSystem) -> Iterator[Rows]:
 
 
 def _parameters(along: AdjointSystem) -> Iterator[Rows]:
-    """Yield that the objective does not change with a free parameter: integral of H_p + d(Mayer +
-    nu psi)/dp = 0.
+    """Yield that the objective does not change with a free parameter: integral of H_p + mu c_p,
+    jumps c_p and d(Mayer + nu psi)/dp add up to 0.
     """
     samples, ends, v, count = along.samples, along.ends, along.samples.values, along.ends.signs.size
+    unknowns = along.unknowns
     mass = np.repeat(0.5 * np.diff(samples.edges), samples.width) * np.tile(
         _WEIGHTS, samples.intervals
     )
@@ -244,7 +245,11 @@ def _parameters(along: AdjointSystem) -> Iterator[Rows]:
         size = max(abs(samples.p[i]), *(abs(b) for b in (low, high) if np.isfinite(b)), TINY)
         side = _side(samples.p[i], low, high, size)
         line = np.einsum("n,nj,njz->z", mass, v["fp"][:, :, i], along.costates.maps)
+        line += np.einsum("n,nj,njz->z", mass, v["cp"][:, :, i], along.costates.mu)
         line[:count] += ends.psi_p[:, i]
+        for jump, (constraint, joint) in enumerate(unknowns.jumps):
+            slope = v["cp"][joint * samples.width - 1, constraint, i]
+            line[unknowns.jump_column(jump)] += slope
         value = (
             mass @ (v["Lp"][i] + np.einsum("nj,nj->n", v["fp"][:, :, i], along.costates.offset))
             + ends.slope_p[i]
