@@ -118,8 +118,10 @@ def _descent(found: "Descent") -> str:
     )
 
 
-def starts_lines(found: "Starts | None") -> list[str]:
-    """Return from how many starts a solution is the best, and what else was met."""
+def starts_lines(found: "Starts | None", *, extremal: bool) -> list[str]:
+    """Return from how many starts a solution is the best, and what else was met; of one that is no
+    `extremal` no more than how many starts there were.
+    """
     if found is None:
         return []
     count = len(found.coarse)
@@ -128,13 +130,16 @@ def starts_lines(found: "Starts | None") -> list[str]:
     which = "a local solution" if count == 1 else f"{count} local solutions"
     all_of = "all" if found.tried > 1 else "it"
     share = f"{found.ended} of them" if found.ended < found.tried else all_of
-    told = f"{_best_of(found.tried)}; {share} ended in {which}, on a coarse grid at {met}{more}"
+    plain = "1 start" if found.tried == 1 else f"{found.tried} starts"
+    tried = _best_of(found.tried) if extremal else plain
+    told = f"{tried}; {share} ended in {which}, on a coarse grid at {met}{more}"
     if not count:
         told = f"none of {found.tried} ended in a local solution of the coarse grid"
     others = [
-        f"another extremal was certified at {each.objective:.12g}: {each.word}"
+        f"{'another' if extremal else 'an'} extremal was certified at {each.objective:.12g}: "
+        f"{each.word}"
         for each in found.extremals
     ]
     if found.better is not None:
         others.insert(0, f"a feasible point that is no extremal reaches {found.better:.12g}")
-    return [told, *(others or ["no other extremal was certified"])]
+    return [told, *(others or [f"no {'other ' if extremal else ''}extremal was certified"])]

@@ -79,7 +79,7 @@ def solution_rows(
     rows.append(_row("proved", proof_lines(solution)))
     if problem is not None and not infeasible(solution):
         rows.append(_row("reference", reference_lines(problem, solution)))
-    rows.append(_row("starts", starts_lines(solution.starts)))
+    rows.append(_row("starts", starts_lines(solution.starts, extremal=bool(solution.extremal))))
     rows.append(_row("iterations", [str(solution.effort.iterations)]))
     parts = " + ".join(f"{name} {value:.2f}" for name, value in solution.seconds.items())
     total = f"{sum(solution.seconds.values()):.2f} ({parts})"

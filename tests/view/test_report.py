@@ -363,6 +363,20 @@ def test_a_report_says_from_how_many_starts_it_is_the_best(
     assert from_json(to_json(revised(exact, starts=several))).starts == several
 
 
+def test_what_is_no_extremal_is_not_called_the_best_of_its_starts(
+    problem: Problem, rough: Solution
+) -> None:
+    assert not rough.extremal
+    starts = Starts(tried=3, coarse=(Met(objective=0.25, starts=2), Met(objective=0.5)))
+    (row,) = (
+        r for r in solution_rows(problem, revised(rough, starts=starts)) if r.label == "starts"
+    )
+    assert row.texts == [
+        "3 starts; all ended in 2 local solutions, on a coarse grid at 0.25 (2), 0.5 (1)",
+        "no extremal was certified",
+    ]
+
+
 def test_the_highest_rungs_are_among_the_first_lines(problem: Problem, exact: Solution) -> None:
     proofs = (
         Proof(rung=Rung.EXISTS, margin=3e-17, statement="in balls"),
