@@ -43,15 +43,26 @@ def one_step(flow: casadi.Function) -> casadi.Function:
     (n, 16) of the stages.
 
     The rates are written out for all stages in one call, of points that hold the slopes before them
-    as symbols: a call a stage takes three times as long.
+    as symbols: a call a stage takes three times as long. A rate that looks into tables is called
+    stage after stage: casadi 3.8 ends the process where calls in it are mapped or put in place.
     """
     count, symbol = DOP853_TIMES.size, casadi.SX.sym
     y, h, slopes, points = _stages(flow.size1_out(0))
     u, t = symbol("u", flow.size1_in(1), count), symbol("t", 1, count)
     p = symbol("p", flow.size1_in(3))
-    rates = flow.map(count)(points[:-1, :], u, t, casadi.repmat(p, 1, count))
-    told = [points[:, _END], casadi.horzcat(*slopes)]
-    found = casadi.substitute_inplace(slopes, casadi.horzsplit(rates), told)[1]
+    operations = map(flow.instruction_id, range(flow.n_instructions()))
+    if casadi.OP_CALL in operations:
+        at, rates = [y], list[casadi.SX]()
+        for point, plan, moment in zip(
+            (*stage_points(y.numel()), None), casadi.horzsplit(u), casadi.horzsplit(t), strict=True
+        ):
+            rates.append(flow(at[-1][:-1], plan, moment, p))
+            at += [] if point is None else [point(y, h, *rates)]
+        found = [at[_END], casadi.horzcat(*rates)]
+    else:
+        rates = casadi.horzsplit(flow.map(count)(points[:-1, :], u, t, casadi.repmat(p, 1, count)))
+        told = [points[:, _END], casadi.horzcat(*slopes)]
+        found = casadi.substitute_inplace(slopes, rates, told)[1]
     return casadi.Function("step", [y, u, t, h, p], [casadi.densify(each) for each in found])
 
 
