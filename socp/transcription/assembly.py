@@ -228,13 +228,15 @@ class Programme:
         values = [t.called("value", w) for t, w in zip(self.terms, given, strict=True)]
         found, m = _times(self._entering, casadi.veccat(v, *values)), self.A.shape[0]
         costly = [t.cost.any() for t in self.terms]
-        if all(costly):
-            return found[m], found[:m]
-        # a solver asks for it by itself at times: then nothing else is worked out
-        cost = np.concatenate([t.cost for t in compress(self.terms, costly)])
-        here = np.flatnonzero(cost)
-        row = Entries((1, cost.size), 0 * here, here, cost[here]).matrix()
-        return _times(row, casadi.veccat(*compress(values, costly))), found[:m]
+        objective = found[m]
+        if any(costly) and not all(costly):
+            # a solver asks for it by itself at times: then nothing else is worked out
+            cost = np.concatenate([t.cost for t in compress(self.terms, costly)])
+            here = np.flatnonzero(cost)
+            row = Entries((1, cost.size), 0 * here, here, cost[here]).matrix()
+            objective = _times(row, casadi.veccat(*compress(values, costly)))
+        # casadi makes a sparse one of what is always 0
+        return casadi.densify(objective), casadi.densify(found[:m])
 
     @cached_property
     def derivatives(self) -> Derivatives:
