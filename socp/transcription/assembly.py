@@ -346,4 +346,5 @@ class _Sum:
 def _times(matrix: casadi.DM, values: Any) -> Any:
     """Return a sparse matrix of numbers times a dense column, dense: no pattern is worked out."""
     kind = type(values)
-    return casadi.mac(kind(matrix), values, kind.zeros(matrix.size1(), 1))
+    found = casadi.mac(kind(matrix), values, kind.zeros(matrix.size1(), 1))
+    return found if found.is_dense() else casadi.densify(found)  # a number times none is none

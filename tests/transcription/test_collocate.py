@@ -292,6 +292,19 @@ def test_the_exact_motion_has_no_defect_and_its_cost() -> None:
     assert g.size == 2 * 40 + 1  # defects of two states, and the final time
 
 
+def test_an_objective_that_a_law_leaves_nothing_of_is_a_number_all_the_same() -> None:
+    still = replace(oscillator, minimise=0, running=v, bounds={v: (0, 1)})
+    phased = follow(still, Word.parse("v: -", still.control_names))
+    nlp = collocate(phased, [uniform(lgr(2), 2)]).problem
+    assert nlp.derivatives is not None
+    at = np.ones(nlp.count)
+    (f, _), (_, gradient) = nlp.derivatives().nlp(at, []), nlp.derivatives().grad_f(at, [])
+    assert f.is_dense()
+    assert gradient.is_dense()
+    assert nlp.f.is_dense()
+    assert [float(f), *gradient.elements()] == [0.0] * (1 + nlp.count)
+
+
 def test_times_parameters_and_bounds_stand_in_the_programme() -> None:
     nlp = collocate(single_phase(rich, 2), [uniform(trapezoid(), 2)] * 2).problem
     low, high = nlp.v_box
