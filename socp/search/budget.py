@@ -12,7 +12,7 @@ import casadi
 
 from socp.errors import SolveError
 from socp.methods import descended, motions, scouts_from_motions, solve_directly
-from socp.model import FEASIBLE, Problem, Solution, Stop, Watch, once, silent, staged
+from socp.model import FEASIBLE, Problem, Solution, Stop, Watch, nodes, once, silent, staged
 from socp.process import seconds_left, time_limit
 from socp.search.effort import FAR, FINEST, Ration, Search, along_words, off, precedes
 from socp.search.motions import adapted, held_solution, own_motion, stated_error
@@ -73,6 +73,9 @@ _LED = 20  # words tried from the best one of the rounds before: half of what on
 # Of the time of a round, at most, and grids: each cut has up to four times as fine a look at where
 # it matters, and three of them find what is over within a hundredth of a first interval
 _ADAPTING, _ADAPTED = 0.4, 4
+_LINEAR = {
+    getattr(casadi, f"OP_{name}") for name in ("ADD", "SUB", "NEG", "TWICE", "MUL", "DIV", "CONST")
+}
 _ITERATIONS = 500  # what a direct solve has not reached by then it hardly ever reaches
 _MOTIONS = 3  # those that keep best to the box; other horizons are the scouts' concern
 
@@ -105,7 +108,11 @@ def _affine(problem: Problem) -> bool:
     held += [each.expression for each in problem.conditions]
     rows = casadi.vertcat(problem.rate, *held)
     moved = casadi.vertcat(problem.x, problem.x0, problem.u, problem.p)
-    return not casadi.depends_on(casadi.jacobian(rows, moved), moved)
+    if casadi.depends_on(casadi.jacobian(rows, moved), moved):
+        return False
+    # steps have no slopes either: what comes of states has to be sums and multiples of them
+    others = (node for node in nodes(rows) if not node.is_symbolic() and node.op() not in _LINEAR)
+    return not any(casadi.depends_on(node, moved) for node in others)
 
 
 def escalate(

@@ -6,6 +6,7 @@ Hairer, Norsett, Wanner, Solving ODEs I, II.5 and II.10, in the digits that a fl
 prints them too, but to import it for these takes as long as to solve a small problem.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import final
@@ -128,6 +129,9 @@ DOP853_THROUGH = np.array([
 _END = 12  # the stage that is the end of a step, and how many there are before it
 # Of every stage, and of the end, the weights (13, 12) of the slopes of stages
 _WEIGHTS = np.array([np.pad(row, (0, _END - len(row))) for row in DOP853_STAGES[: _END + 1]])
+_HELD = (
+    4_000_000  # numbers of stages worked on at once: some hundred megabytes with what is on hand
+)
 
 
 @cache
@@ -161,9 +165,11 @@ class Steps:
 
     @cached_property
     def active(self) -> list[int]:
-        """Places (c,) in y of what the rate depends on."""
-        found: list[int] = np.flatnonzero(casadi.which_depends(self.rate, self.y)).tolist()
-        return found
+        """Places (c,) in y of what stands in the rate: even where casadi says of a function that is
+        called there that it has no slope.
+        """
+        used = set(casadi.symvar(self.rate))
+        return [k for k, each in enumerate(casadi.vertsplit(self.y)) if each in used]
 
     @cached_property
     def step(self) -> casadi.Function:
@@ -230,6 +236,25 @@ class Stages:
         ny, m = self.steps.sloped.size_out(0)[::-1]
         return found.reshape(*self.at.shape[:2], ny, m)
 
+    @property
+    def _many(self) -> int:
+        """How many steps are worked on at once."""
+        ny, m = self.steps.sloped.size_out(0)[::-1]
+        return max(int(_HELD // (_END * m * (ny + m))), 1)
+
+    @property
+    def _large(self) -> bool:
+        return bool(self.at.shape[1] > self._many)
+
+    def portions(self) -> Iterator[tuple["Stages", slice]]:
+        """Yield the same for so many steps at a time, and which: what is worked out for each is
+        let go with it.
+        """
+        h, p, u = self.given
+        for k in range(0, self.at.shape[1], self._many):
+            own = slice(k, k + self._many)
+            yield Stages(self.steps, self.at[:, own], (h[own], p, u[own])), own
+
     @cached_property
     def _through(self) -> tuple[np.ndarray, np.ndarray]:
         """Changes (stages, n, m, m) of what every stage depends on, and (n, ny, ny + 1 + np) of y
@@ -254,29 +279,31 @@ class Stages:
     @property
     def across(self) -> np.ndarray:
         """Slopes (n, ny, ny + 1 + np) of y after the steps by y, h and p before."""
+        if self._large:
+            return np.concatenate([each.across for each, _ in self.portions()])
         return self._through[1]
 
-    def returned(self, later: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the multipliers of y before the steps (n, ny) and of every stage's slope (stages,
-        n, ny) from those of y after the steps, `later` (n, ny).
+    def _held(self, later: np.ndarray) -> np.ndarray:
+        """Return the multipliers (stages, n, ny) of every stage's slope from those of y after the
+        steps, `later` (n, ny).
         """
         slopes, places = self.slopes, self.steps.active
-        found, before = np.empty(slopes.shape[:3]), later.copy()
-        back = np.empty((_END, len(later), 1, len(places)))
-        flat = back.reshape(_END, before[:, places].size)
+        found, back = np.empty(slopes.shape[:3]), np.empty((_END, len(later), 1, len(places)))
+        flat = back.reshape(_END, len(later) * len(places))
         for i in reversed(range(_END)):
             found[i] = _WEIGHTS[_END, i] * later
             moved = _WEIGHTS[i + 1 : _END, i] @ flat[i + 1 :]
             found[i][:, places] += moved.reshape(len(later), len(places))
             np.matmul(found[i][:, None], slopes[i, :, :, : len(places)], out=back[i])
-        before[:, places] += back.sum(axis=0)[:, 0]
-        return before, found
+        return found
 
     def bent(self, later: np.ndarray) -> np.ndarray:
         """Return the Hessians (n, m, m) of y after the steps times multipliers (n, ny), by y before
         them where the rate depends on it, h and p.
         """
-        held, by = self.returned(later)[1], self._through[0]
+        if self._large:
+            return np.concatenate([each.bent(later[own]) for each, own in self.portions()])
+        held, by = self._held(later), self._through[0]
         (found,) = repeated(self.steps.curved, [], [self.at, *self.given, held], _END)
         hessians: np.ndarray = (by.swapaxes(2, 3) @ (found.reshape(by.shape) @ by)).sum(axis=0)
         return hessians

@@ -91,10 +91,11 @@ def path_miss(
     largest = magnitudes.max(axis=1)
     relative = values.max(axis=1) / np.where(largest > 0, largest, 1.0)
     for k in np.flatnonzero((relative > 0) & (magnitudes.min(axis=1) < largest)):
-        at = np.flatnonzero(values[k] > 0)
-        curves = evaluate(constraint_curvature(problem, int(k)), x[:, at], t[at], p)[0]
-        bent = 0.5 * np.abs(curves.reshape(-1, at.size, scale.size) @ scale).T @ scale
-        relative[k] = max(relative[k], _share(values[k, at], magnitudes[k, at], bent).max())
+        # the share by the slope alone, which is no less, has to be more than what is known
+        at = np.flatnonzero(values[k] > relative[k] * magnitudes[k])
+        bent = evaluate(constraint_curvature(problem, int(k)), scale, x[:, at], t[at], p)[0][0]
+        shares = _share(values[k, at], magnitudes[k, at], bent)
+        relative[k] = max(relative[k], shares.max(initial=0.0))
     worst = int(np.argmax(relative))
     return max(float(relative[worst]), 0.0), problem.constraints[worst].name
 

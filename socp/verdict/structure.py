@@ -105,11 +105,15 @@ def constraints_function(problem: Problem) -> casadi.Function:
 @of_motion
 @once
 def constraint_curvature(problem: Problem, k: int) -> casadi.Function:
-    """Return the second derivatives (nx, nx) of a state constraint, by its number, in the states as
-    a function of x, t, p.
+    """Return how much the slopes of a state constraint, by its number, change its value at most
+    when every state changes by its own size s (nx,), that is s' |c_xx| s / 2, as a function of
+    s, x, t, p.
     """
-    bent = casadi.hessian(problem.constraints[k].expression, problem.x)[0]
-    return casadi.Function("cxx", [problem.x, time, problem.p], [casadi.densify(bent)])
+    sizes = casadi.SX.sym("s", problem.x.numel())
+    bent = casadi.fabs(casadi.hessian(problem.constraints[k].expression, problem.x)[0])
+    worth = 0.5 * casadi.dot(sizes, casadi.mtimes(bent, sizes))
+    given = [sizes, problem.x, time, problem.p]
+    return casadi.Function("bent", given, [casadi.densify(worth)])
 
 
 @once

@@ -5,7 +5,7 @@ of it where everything is affine.
 from typing import Any
 
 import pytest
-from casadi import sin
+from casadi import floor, if_else, sign, sin
 
 from socp import Problem, Solution, controls, default_guess, free, parameters, run, solve, states
 from socp.model import Stop
@@ -60,6 +60,9 @@ def test_the_same_with_a_little_more_time_is_solved() -> None:
         {"dynamics": {x: v, v: p * u}, "bounds": {u: (-1, 1), p: (0, 1)}},
         {"path": {"pillar": 0.01 - (x - 0.5) ** 2 <= 0}},
         {"target": {"both": x * v == 1}},
+        {"target": {"far": floor(x) == 1}},  # steps, which have no slopes
+        {"target": {"far": sign(x - 0.3) == 1}},
+        {"dynamics": {x: v, v: u * if_else(x > 0.1, 1, 1)}},
     ],
 )
 def test_where_products_are_another_start_may_do(

@@ -9,7 +9,7 @@ import pytest
 
 from socp import Problem, Word, controls, default_guess, parameters, states, time
 from socp.methods.guess import split
-from socp.transcription import follow
+from socp.transcription import dormand_prince, follow
 from socp.transcription.linearised import Linearised
 from socp.transcription.motion import bent, motion_of, moved, swept
 from socp.transcription.shooting import Shooting
@@ -89,6 +89,20 @@ def test_arcs_worked_out_at_once_are_what_each_is_alone() -> None:
             assert one.ends == pytest.approx(other.ends, rel=1e-13)
             assert one.slopes == pytest.approx(other.slopes, rel=1e-13, abs=1e-13)
             assert found == pytest.approx(other.bent(own, stride), rel=1e-12, abs=1e-12)
+
+
+def test_many_steps_are_worked_out_portion_by_portion(monkeypatch: pytest.MonkeyPatch) -> None:
+    motion, random = shooting().motions[0], np.random.default_rng(4)
+    z, t, h, p = random.normal(size=(2, 5)), np.arange(5.0), np.full(5, 0.3), np.array([[0.7]])
+    given, held = [z, t[None, :], h[None, :], p], random.normal(size=(2, 5))
+    whole = motion.sweep(given, 3)
+    monkeypatch.setattr(dormand_prince, "_HELD", 1000)
+    apart = motion.sweep(given, 3)
+    sizes = [own.stop - own.start for _, own in apart.stages.portions()]
+    assert 1 <= sizes[0] < 15 / 2
+    assert apart.slopes == pytest.approx(whole.slopes, rel=1e-14, abs=1e-14)
+    for stride in (1, 3):
+        assert apart.bent(held, stride) == pytest.approx(whole.bent(held, stride), rel=1e-13)
 
 
 def test_a_motion_that_nothing_changes_has_the_slopes_of_its_length_alone() -> None:

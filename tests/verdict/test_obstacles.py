@@ -45,6 +45,28 @@ def test_the_midst_of_an_obstacle_is_as_far_off_as_states_have_to_move(radius: f
     assert missed == pytest.approx(radius / hypot(FAR, 1.0), rel=1e-3)
 
 
+def test_two_that_go_through_each_other_both_have_to_move() -> None:
+    """Head on, either of them by a share m of its own size: (80, 2) m is as long as the gap."""
+    xa, ya, xb, yb = states("xa ya xb yb")
+    a, b = controls("a b")
+    gap = 1 - (xa - xb) ** 2 - (ya - yb) ** 2 <= 0
+    problem = Problem(
+        name="two",
+        minimise=final_time,
+        dynamics={xa: 1, ya: a, xb: -1, yb: b},
+        bounds={a: (-1, 1), b: (-1, 1)},
+        start={xa: 0, ya: 0, xb: FAR, yb: 0},
+        end={xa: FAR, xb: 0},
+        path={"gap": gap},
+    )
+    s, size = np.linspace(0, FAR, 4001), np.array([FAR, 1.0, FAR, 1.0])
+    for aside in (0.0, 1e-9):  # where slopes are small they do not tell
+        motion = s, np.stack([s, 0 * s + aside, FAR - s, 0 * s]), np.zeros((2, s.size))
+        missed, which = path_miss(problem, np.empty(0), size, motion)
+        assert which == "gap"
+        assert missed == pytest.approx(1.0 / hypot(2 * FAR, 2.0), rel=1e-6)
+
+
 def test_beside_the_middle_first_and_second_order_tell() -> None:
     # at x = 20, y = 0: 2 (aside) m + (40^2 + 1) m^2 = radius^2 - aside^2
     aside, radius = 0.3, 0.5
