@@ -28,7 +28,6 @@ from socp.search import (
     along_words,
     conclude,
     escalate,
-    impossible,
     lowered,
     meshes,
     next_to,
@@ -157,8 +156,6 @@ class Auto(Method):
                 stopped = self._begun(problem, guess, known, scouting, watch)
             if stopped is not None:
                 return stopped
-            if impossible(problem, directs):
-                return conclude(problem, search, directs, watch)
             other = guess if self.starts else None
             escalate(problem, search, directs, (other, self.steps, self.backend), watch)
         pursue(problem, search, directs, watch)
@@ -188,8 +185,7 @@ class Auto(Method):
             search.scouted = scouted(*how)
         met = search.scouted.solutions
         stopped = self._first(problem, [*met, guess], known, watch)
-        more = not met and not search.over and search.scouted.tried < self.starts
-        if stopped is None and more and not impossible(problem, directs):
+        if stopped is None and not met and not search.over and search.scouted.tried < self.starts:
             with time_limit(scouting):
                 search.scouted = scouted(*how, search.scouted)
             met = search.scouted.solutions

@@ -1,5 +1,4 @@
 from .budget import escalate as escalate
-from .budget import impossible as impossible
 from .budget import meshes as meshes
 from .budget import time_shares as time_shares
 from .candidate import Candidate as Candidate

@@ -8,11 +8,9 @@ from functools import cmp_to_key
 from itertools import islice
 from typing import final
 
-import casadi
-
 from socp.errors import SolveError
 from socp.methods import descended, motions, scouts_from_motions, solve_directly
-from socp.model import FEASIBLE, Problem, Solution, Stop, Watch, nodes, once, silent, staged
+from socp.model import FEASIBLE, Problem, Solution, Stop, Watch, silent, staged
 from socp.process import seconds_left, time_limit
 from socp.search.effort import FAR, FINEST, Ration, Search, along_words, off, precedes
 from socp.search.motions import adapted, held_solution, own_motion, stated_error
@@ -73,9 +71,6 @@ _LED = 20  # words tried from the best one of the rounds before: half of what on
 # Of the time of a round, at most, and grids: each cut has up to four times as fine a look at where
 # it matters, and three of them find what is over within a hundredth of a first interval
 _ADAPTING, _ADAPTED = 0.4, 4
-_LINEAR = {
-    getattr(casadi, f"OP_{name}") for name in ("ADD", "SUB", "NEG", "TWICE", "MUL", "DIV", "CONST")
-}
 _ITERATIONS = 500  # what a direct solve has not reached by then it hardly ever reaches
 _MOTIONS = 3  # those that keep best to the box; other horizons are the scouts' concern
 
@@ -86,33 +81,6 @@ def time_shares(seconds: float) -> tuple[float, float, float, float]:
     """
     shares = 1.0 - _VERDICT, 1.0 - _CONCLUDING, _FIRST, _SCOUTING
     return shares[0] * seconds, shares[1] * seconds, shares[2] * seconds, shares[3] * seconds
-
-
-def impossible(problem: Problem, directs: Sequence[Solution]) -> bool:
-    """Tell whether no other start can meet the conditions either: grids found no point at all, and
-    what has to hold is affine in states, controls and parameters over a horizon that is given.
-
-    The points that meet the conditions of a grid are a polytope then, and a point of least
-    violation is one everywhere.
-    """
-    none = bool(directs) and all(each.stop is Stop.INFEASIBLE for each in directs)
-    return none and _affine(problem)
-
-
-@once
-def _affine(problem: Problem) -> bool:
-    boxes = problem.initial_time_box, problem.final_time_box
-    if any(low != high for low, high in boxes):
-        return False
-    held = [each.expression for each in problem.constraints]
-    held += [each.expression for each in problem.conditions]
-    rows = casadi.vertcat(problem.rate, *held)
-    moved = casadi.vertcat(problem.x, problem.x0, problem.u, problem.p)
-    if casadi.depends_on(casadi.jacobian(rows, moved), moved):
-        return False
-    # steps have no slopes either: what comes of states has to be sums and multiples of them
-    others = (node for node in nodes(rows) if not node.is_symbolic() and node.op() not in _LINEAR)
-    return not any(casadi.depends_on(node, moved) for node in others)
 
 
 def escalate(

@@ -26,7 +26,6 @@ from socp.model import (
     silent,
 )
 from socp.process import overtime, seconds_left, time_limit
-from socp.search.budget import impossible
 from socp.search.effort import ALIKE, FAR, Ration, Search, clearly, off, precedes
 from socp.search.motions import held_solution, leaves_box, own_motion, stated_error
 from socp.search.refinement import refine
@@ -42,9 +41,6 @@ _JUDGED = 2.0  # times what the solution before it took: solving and judging ano
 # Seconds, where the time is over: what is returned is known by the motion of its own control, which
 # is stiff where that takes longer
 _OWN = 5.0
-_NO_OTHER = (
-    "all conditions are affine and the horizon is given: no other start finds a point on this grid"
-)
 _TOLERANCE = 1e-7  # of those: a solution is compared by its re-integration
 # Relative: two certified objectives of one extremal differ by less
 _SAME = 1e-6
@@ -75,8 +71,7 @@ def conclude(
         solved = [each for each in solved if clearly(_verified(problem, each), best)]
     chosen, compared = foremost(problem, best, solved, watch, search.backend.backend)
     if chosen is None:
-        told = _NO_OTHER if impossible(problem, directs) else ""
-        return replace(directs[0], message="; ".join(filter(None, (directs[0].message, told))))
+        return directs[0]
     parts = (chosen.message, explanation(problem, search), compared)
     return replace(chosen, message="; ".join(filter(None, parts)))
 
