@@ -24,7 +24,6 @@ from socp.model import (
     Watch,
     check_solvable,
     family_of,
-    quick_calls,
     silent,
 )
 from socp.process import breakable, give_way, one_thread, signals_held
@@ -32,7 +31,6 @@ from socp.verdict import judge, with_second_order, with_statement
 
 
 @one_thread()
-@quick_calls()
 def run(method: Method, problem: Problem, guess: Solution, watch: Watch = silent) -> Solution:
     """Solve with a method and return its solution stamped with name, options and versions, verified
     and judged.

@@ -2,7 +2,6 @@ from .advice import hint_for as hint_for
 from .calling import evaluate as evaluate
 from .calling import fast as fast
 from .calling import numbers as numbers
-from .calling import quick_calls as quick_calls
 from .calling import repeated as repeated
 from .checks import check_solvable as check_solvable
 from .checks import that_matter as that_matter

@@ -3,11 +3,10 @@ to casadi and back a call takes several evaluations' worth.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cache
-from threading import Lock
-from typing import Any, final
+from typing import final
 
 import casadi
 import numpy as np
@@ -51,7 +50,7 @@ def numbers(function: casadi.Function, *given: np.ndarray | float) -> list[np.nd
     desk = _taken(function, count)
     for own, column in zip(desk.asked, columns, strict=True):
         own[:] = column
-    desk.trigger()
+    desk.run()
     found = []
     for (rows, width, _, entries), at in zip(told, desk.found, strict=True):
         if entries is None:
@@ -91,7 +90,7 @@ def repeated(
     for k in range(times):
         for own, each in pairs:
             own[:] = each[k]
-        desk.trigger()
+        desk.run()
         for whole, own in zip(found, desk.found, strict=True):
             whole[k] = own
         for own, each in zip(begun, desk.found, strict=False):
@@ -113,7 +112,8 @@ def _taken(function: casadi.Function, count: int) -> "_Desk":
 def _put_back(function: casadi.Function, desk: "_Desk") -> None:
     desks: dict[int, _Desk] = vars(function)[_DESK]
     while len(desks) >= _DESKS:
-        del desks[next(iter(desks))]
+        with suppress(RuntimeError):  # another thread takes or puts back one
+            desks.pop(next(iter(desks), desk.count), None)
     desks[desk.count] = desk
 
 
@@ -143,6 +143,15 @@ class _Desk:
                     place(i, each.reshape(-1).data)
         self.given, self.found = ([each[:count] for each in both] for both in (given, found))
         self.asked = [each for each, (size, *_) in zip(self.given, asked, strict=True) if size]
+        self.spare = [(each[count:], each[0]) for each in given if each.size and len(each) > count]
+
+    def run(self) -> None:
+        """Find what is asked for: at points to spare what is given of the first, as a function may
+        not be defined anywhere else.
+        """
+        for rest, first in self.spare:
+            rest[:] = first
+        self.trigger()
 
 
 @cache
@@ -197,49 +206,3 @@ def fast(function: casadi.Function) -> Callable[..., np.ndarray]:
 
     call.__dict__["keep"] = desk  # the buffer must outlive the call
     return call
-
-
-# The hooks by which casadi asks whether something is a matrix of another kind
-_HOOKS = {casadi.SX: ("__DM__", "__MX__"), casadi.MX: ("__DM__", "__SX__")}
-
-
-class _Told:
-    """Which hooks have been added, and by how many calls they are used."""
-
-    def __init__(self) -> None:
-        self.lock, self.count = Lock(), 0
-        self.added: list[tuple[Any, str]] = []
-
-
-_TOLD = _Told()
-
-
-@contextmanager
-def quick_calls() -> Iterator[None]:
-    """Let casadi know inside that expressions are no numbers, and not of its other kind.
-
-    It asks that of all arguments of a call first, and tries them as an array, a sparse matrix and a
-    sequence, which takes longer than most of what it is called for. What has one of its hooks is
-    none of these, and no such matrix where the hook gives None (casadi 3.8, swig/casadi.i). The
-    classes are as they were found when the last one leaves. May be nested; decorates functions as
-    well.
-    """
-    with _TOLD.lock:
-        if _TOLD.count == 0:
-            pairs = [(kind, name) for kind, names in _HOOKS.items() for name in names]
-            _TOLD.added = [(kind, name) for kind, name in pairs if not hasattr(kind, name)]
-            for kind, name in _TOLD.added:
-                setattr(kind, name, _none)
-        _TOLD.count += 1
-    try:
-        yield
-    finally:
-        with _TOLD.lock:
-            _TOLD.count -= 1
-            if _TOLD.count == 0:
-                for kind, name in _TOLD.added:
-                    delattr(kind, name)
-
-
-def _none(_expression: casadi.SX | casadi.MX) -> None:
-    """Return what says that an expression is no matrix of the kind that a hook stands for."""
