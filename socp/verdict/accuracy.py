@@ -209,6 +209,8 @@ def _measured(conditions: Conditions, held: np.ndarray, pieces: list[int]) -> Ac
     rounding = system.rounding(asked)
     if system.deficient:
         rounding = rounding + _by_curvature(conditions, system, asked)
+    if not np.isfinite(rounding[-1]):  # nothing is told; the verdict's own error stands
+        return None
     # along the step the conditions change to second order, and so does the Lagrangian, which is the
     # objective there
     left, there = residuals(shooting, at + moved)
