@@ -42,7 +42,7 @@ from socp.verdict.conditions import conditions
 from socp.verdict.junctions import chattering
 from socp.verdict.lessons import learn
 from socp.verdict.multipliers import Case, multipliers
-from socp.verdict.nodes import Samples, sample
+from socp.verdict.nodes import sample
 from socp.verdict.reintegration import verify, verify_finely
 from socp.verdict.signs.short import Short
 from socp.verdict.structure import structure_of
@@ -50,11 +50,11 @@ from socp.verdict.structure import structure_of
 __all__ = ["Case", "case", "certify", "multipliers"]
 
 
-def case(problem: Problem, solution: Solution) -> Case:
+def case(problem: Problem, solution: Solution, seen: Sequence[float] = ()) -> Case:
     """Lay out a solution for judging: choose the unknowns, condense the adjoint, write down every
-    condition.
+    condition. There are nodes at times that something was `seen` at.
     """
-    samples = sample(problem, solution)
+    samples = sample(problem, solution, seen)
     ends = Ends.of(problem, solution)
     unknowns = unknowns_of(problem, solution, samples, ends)
     along = AdjointSystem(
@@ -74,8 +74,11 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
     in).
     """
     laid = case(problem, solution)
-    along, samples = laid.along, laid.along.samples
     z, distance = multipliers(laid)
+    if (hidden := _hidden(laid, z)).size:
+        laid = case(problem, solution, hidden.tolist())
+        z, distance = multipliers(laid)
+    along, samples = laid.along, laid.along.samples
     costate, size = along.costates.at(z), laid.magnitude(z)
     offset, matrix = along.sigma
     switching = offset + matrix @ z
@@ -93,7 +96,7 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
     findings = _worst_of((*findings, *_without_length(solution, told)))
     certain = all(finding.holds for finding in findings)
     # where all holds, the gain would measure the judge
-    gain = slack.sum(axis=0) + (0.0 if certain else _gain(problem, samples, switching))
+    gain = slack.sum(axis=0) + (0.0 if certain else _gain(problem, samples.u, switching))
     error = estimates.objective_error(solution, samples, costate, gain)
     error += sum(
         float(np.abs(rows.offset + rows.matrix @ z).max()) * rows.slack
@@ -101,7 +104,7 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
         if rows.slack
     )
     error += estimates.worth_of_misses(along, z, switching, density)
-    unused = estimates.integral(samples, _gain(problem, samples, switching)) if certain else 0.0
+    unused = estimates.integral(samples, _gain(problem, samples.u, switching)) if certain else 0.0
     open_ = margins.indifferent(problem, solution, samples, switching, size)
     clebsch, unknown = margins.legendre_clebsch(problem, solution, samples, costate)
     verdict = Verdict(
@@ -123,6 +126,22 @@ def certify(problem: Problem, solution: Solution) -> tuple[Verdict, tuple[Arc, .
         digits=digits_of(error, solution.objective) if certain else 0,
     )
     return verdict, _with_multipliers(along, z)
+
+
+def _hidden(laid: Case, z: np.ndarray) -> np.ndarray:
+    """Return the times between nodes at which a switching function has the wrong sign, where it has
+    the right one at all nodes: once on every interval.
+    """
+    samples, (offset, matrix) = laid.along.samples, laid.along.sigma
+    switching = offset + matrix @ z
+    problem, least = laid.along.problem, EXTREMAL * laid.magnitude(z)
+    if not _gain(problem, samples.u, switching).max(initial=0.0) <= least:
+        return np.empty(0)
+    t, (u, sigma) = samples.amid(samples.u, switching)
+    gain = _gain(problem, u, sigma).reshape(samples.intervals, -1)
+    worst = gain.argmax(axis=1)
+    wrong = gain.max(axis=1) > least
+    return np.array(t.reshape(gain.shape)[wrong, worst[wrong]])
 
 
 def _left_open(place: Place) -> str:
@@ -181,12 +200,12 @@ def _complementary(laid: Case, slack: np.ndarray, z: np.ndarray, size: float) ->
         yield Finding(kind=kind, residual=off / along.horizon / size, place=place, t=t)
 
 
-def _gain(problem: Problem, samples: Samples, switching: np.ndarray) -> np.ndarray:
-    """Return the Hamiltonian (n,) that the best admissible controls would gain at every node."""
+def _gain(problem: Problem, u: np.ndarray, switching: np.ndarray) -> np.ndarray:
+    """Return the Hamiltonian (n,) that the best admissible controls would gain in place of controls
+    u (nu, n).
+    """
     low, high = problem.box
-    gap = np.maximum(
-        switching * (samples.u - low[:, None]), switching * (samples.u - high[:, None])
-    )
+    gap = np.maximum(switching * (u - low[:, None]), switching * (u - high[:, None]))
     return np.array(np.maximum(gap, 0.0).sum(axis=0))
 
 

@@ -2,6 +2,7 @@
 and values there.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import final
@@ -19,6 +20,7 @@ from socp.model import (
     column,
     evaluate,
     in_arcs,
+    lagrange,
     legendre_coefficients,
     of_motion,
     on_intervals,
@@ -47,6 +49,11 @@ _BY_NODE = {"fx", "G", "cx", "fp", "cp"}  # whose first axis is the node; the ot
 # passes that halve what is not smooth, the intervals they stop at, and the last Legendre
 # coefficients that are smooth
 _HALVINGS, _MOST, _SMOOTH = 5, 100, 1e-6
+# Radians over half an interval by which the costate may turn: of e^(i z tau) the last Legendre
+# coefficients are some 1e-4 then, and what collocation leaves at the nodes below their square; and
+# the intervals that it is cut into at most
+_TURN, _TURNS = 3.0, 1000
+_LOOKS = 5  # from one node to the next: between two of them a switching function may change sign
 
 
 @final
@@ -68,6 +75,15 @@ class Samples:
     u: np.ndarray
     arc: np.ndarray
     p: np.ndarray
+
+    def amid(self, *values: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Return times (m,) between the nodes and values (r, m) there of those at the nodes
+        (r, n).
+        """
+        shares, weights = _amid()
+        t = self.edges[:-1, None] + np.diff(self.edges)[:, None] * shares
+        found = [each.reshape(len(each), self.intervals, -1) @ weights for each in values]
+        return t.ravel(), [each.reshape(len(each), -1) for each in found]
 
     @property
     def intervals(self) -> int:
@@ -180,13 +196,17 @@ def _named(problem: Problem) -> dict[str, Expr]:
     }
 
 
-def sample(problem: Problem, solution: Solution) -> Samples:
-    """Lay the judge's nodes over a solution: along its arcs, cut where controls switch and where
-    constraints touch.
+def sample(problem: Problem, solution: Solution, seen: Sequence[float] = ()) -> Samples:
+    """Lay the judge's nodes over a solution: along its arcs, cut where controls switch, where
+    constraints touch, and at times that something was `seen` at.
     """
     cuts = np.array([*solution.switches, *_touches(problem, solution)])
     cuts = np.append(cuts if cuts.size <= _CUTS else np.empty(0), knot_times(problem))
+    cuts = np.append(cuts, seen)
     samples = _laid(problem, solution, cuts)
+    if (turns := _turning(samples)).size:
+        cuts = np.append(cuts, turns)
+        samples = _laid(problem, solution, cuts)
     for _ in range(_HALVINGS):
         more = _rough(samples, solution)
         if not more.size or samples.intervals + more.size > _MOST:
@@ -194,6 +214,31 @@ def sample(problem: Problem, solution: Solution) -> Samples:
         cuts = np.append(cuts, more)
         samples = _laid(problem, solution, cuts)
     return samples
+
+
+def _turning(samples: Samples) -> np.ndarray:
+    """Return where to cut the intervals over which the costate turns too far to be followed: along
+    states at rest a solver needs few, and what is left of the costate then shows no sign of a
+    switching function as it is.
+
+    It turns by the imaginary parts of the eigenvalues of the dynamics' slopes.
+    """
+    half = 0.5 * np.diff(samples.edges)
+    looks = samples.width * np.arange(samples.intervals)[:, None] + np.array(
+        [0, samples.width // 2, samples.width - 1]
+    )
+    fx = samples.values["fx"][looks]
+    most = np.linalg.norm(fx, axis=(2, 3)).max(axis=1)  # no eigenvalue is larger
+    with np.errstate(invalid="ignore"):
+        fast = np.flatnonzero(np.isfinite(most) & (most * half > _TURN))
+    if not fast.size:
+        return np.empty(0)
+    speeds = np.abs(np.linalg.eigvals(fx[fast]).imag).max(axis=(1, 2))
+    parts = np.ceil(speeds * half[fast] / _TURN).astype(int)
+    parts = np.minimum(parts, max(_TURNS // fast.size, 1))
+    starts, lengths = samples.edges[fast], 2.0 * half[fast]
+    inner = [a + h * np.arange(1, k) / k for a, h, k in zip(starts, lengths, parts, strict=True)]
+    return np.concatenate(inner)
 
 
 def _rough(samples: Samples, solution: Solution) -> np.ndarray:
@@ -209,6 +254,17 @@ def _rough(samples: Samples, solution: Solution) -> np.ndarray:
     lawful = np.array([solution.arcs[k].lawful for k in samples.arc[:: samples.width]])
     rough = lawful & (tail > _SMOOTH)
     return np.array((0.5 * (samples.edges[1:] + samples.edges[:-1]))[rough])
+
+
+@cache
+def _amid() -> tuple[np.ndarray, np.ndarray]:
+    """Return shares (m,) of an interval between its nodes, and what makes the values there (nodes,
+    m) of those at the nodes.
+    """
+    tau = (lgr(POINTS).nodes + 1.0) / 2.0
+    steps = np.arange(1, _LOOKS) / _LOOKS
+    shares = (tau[:-1, None] + np.diff(tau)[:, None] * steps).ravel()
+    return shares, lagrange(tau, np.eye(tau.size), shares)
 
 
 @cache

@@ -157,12 +157,12 @@ class Ipopt:
             raise SolveError(f"Ipopt could not run: {last_line(error)}") from error
         if observer.error is not None:
             raise observer.error
-        stopped = observer.stop
+        stopped, stats = observer.stop, known.solver.stats()
         if nlp.count < _LARGE:  # the factors of a large one fill memory
             observer.begin(silent)  # whoever watched is not kept with it
             vars(nlp)[_READY] = known
         seconds = {"build": built - began, "solve": time.perf_counter() - built}
-        point = _point(result, known.solver.stats(), seconds)
+        point = _point(result, stats, seconds)
         if point.message == _EXCEEDED and point.iterations < int(self._settings()["max_iter"]):
             point = replace(point, stop=Stop.INFEASIBLE, message=_LOST)
         point = (

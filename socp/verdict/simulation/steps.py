@@ -33,6 +33,7 @@ _SAFETY, LEAST, _MOST = 0.9, 0.2, 10.0  # how a step follows from the last one, 
 # Of a motion's size: what the last term of what is in between may be. Along smooth motion it is
 # 1e-8; a long step along a motion that is stable to rounding has small errors at its end alone
 _BETWEEN = 1e-7
+_SHORT = 150  # operations of a rate: of so many both ways of writing out a step take as long
 _PEAK = (4 / 7) ** 4 * (3 / 7) ** 3  # of x^4 (1 - x)^3, the last of the basis
 
 
@@ -42,16 +43,17 @@ def one_step(flow: casadi.Function) -> casadi.Function:
     (n,), controls (nu, 16) and times (1, 16) of the stages, h and p to y after it and the slopes
     (n, 16) of the stages.
 
-    The rates are written out for all stages in one call, of points that hold the slopes before them
-    as symbols: a call a stage takes three times as long. A rate that looks into tables is called
-    stage after stage: casadi 3.8 ends the process where calls in it are mapped or put in place.
+    Rates of a few operations are written out for all stages in one call, of points that hold the
+    slopes before them as symbols: a call a stage takes twice as long. Others are called stage after
+    stage, and those that look into tables: casadi 3.8 ends the process where calls in them are
+    mapped or put in place.
     """
     count, symbol = DOP853_TIMES.size, casadi.SX.sym
     y, h, slopes, points = _stages(flow.size1_out(0))
     u, t = symbol("u", flow.size1_in(1), count), symbol("t", 1, count)
     p = symbol("p", flow.size1_in(3))
-    operations = map(flow.instruction_id, range(flow.n_instructions()))
-    if casadi.OP_CALL in operations:
+    many = flow.n_instructions()
+    if many > _SHORT or casadi.OP_CALL in map(flow.instruction_id, range(many)):
         at, rates = [y], list[casadi.SX]()
         for point, plan, moment in zip(
             (*stage_points(y.numel()), None), casadi.horzsplit(u), casadi.horzsplit(t), strict=True
