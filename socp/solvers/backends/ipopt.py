@@ -42,7 +42,8 @@ _LARGE, _DENSE_APART = 10_000, {"ipopt.mumps_pivot_order": 6}
 _HUGE, _PIVOTS = 200_000, {"ipopt.mumps_pivtol": 1e-3}
 # MUMPS orders pivots once, in pairs that it matches by the first matrix's values: where the
 # multipliers grow these fail, and the pivots that they delay fill the factors, so that one step of
-# 1800 variables takes minutes, which no limit of time ends. Large programmes fill theirs without
+# 1800 variables takes minutes, which no limit of time ends. Large programmes fill theirs without,
+# as that of a rod of 100 points on 400 steps; huge ones with, as of 100,000 trapezoids
 _UNPAIRED = {"ipopt.mumps_permuting_scaling": 0}
 _NEARBY = 1e-3  # first barrier parameter where the guess is near
 # The same where the guess has multipliers, and how far it is moved inside: a grid a tenth as fine
@@ -206,7 +207,8 @@ _READY = "ready for ipopt"  # where it stands beside what a programme has of its
 def _settings(nlp: NLP, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return what casadi is told of a programme, for options of Ipopt."""
     settings: dict[str, Any] = {"print_time": False, "show_eval_warnings": False}
-    settings |= _DENSE_APART if nlp.count >= _LARGE else _UNPAIRED
+    settings |= _DENSE_APART if nlp.count >= _LARGE else {}
+    settings |= {} if _LARGE <= nlp.count < _HUGE else _UNPAIRED
     settings |= _PIVOTS if nlp.count < _HUGE else {}
     settings |= {f"ipopt.{name}": value for name, value in options.items()}
     if math.isfinite(rest := seconds_left()):  # of the caller's time; Ipopt takes no 0
